@@ -39,7 +39,7 @@ def camera(pressed: bool, random: np.random.Generator) -> np.ndarray:
 
 random = np.random.default_rng(0)
 images = tuple(encode_image(camera(pressed, random), "png") for pressed in touching)
-recording = palpate.Recording(np.arange(120) / 30, sensor_pose, BOX, SENSOR, box_pose, image=images, codec="png")
+recording = palpate.Recording(np.arange(120) / 30, sensor_pose, BOX, SENSOR, box_pose, image=images)
 with TemporaryDirectory() as folder:  # files keep the profile
     palpate.write_recording(recording, Path(folder) / "push.mcap")
     sensor = palpate.load_recording(Path(folder) / "push.mcap").sensor

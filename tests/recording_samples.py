@@ -39,7 +39,7 @@ def seen(recording: Any) -> Any:
     images = 100.0 + np.random.default_rng(0).normal(0.0, 2.0, (len(recording), 48, 32, 3))
     images[recording.contact, :20, :20] += 60.0
     coded = tuple(encoded(np.rint(image).astype(np.uint8)) for image in images)
-    return replace(recording, sensor=replace(POINT, image_height=48, image_width=32), image=coded, codec="png")
+    return replace(recording, sensor=replace(POINT, image_height=48, image_width=32), image=coded)
 
 
 def trajectory(n: int = 50, **changes: Any) -> Any:
@@ -75,7 +75,6 @@ def tiny_recording(n: int = 5, **changes: Any) -> Any:
         "contact": np.arange(n) > 1,
         "episode": np.where(np.arange(n) > 1, 0, -1),
         "image": tuple(encoded(image) for image in tiny_images(n)),
-        "codec": "png",
         "contact_derived": True,
         "source": "a test, with ünicode",
         "frames": {"sensor_pose": "made up"},

@@ -104,7 +104,7 @@ def test_a_text_that_unpacks_without_end_is_refused(tmp_path):
 def test_an_enormous_image_is_not_decoded(tmp_path):
     png = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (10**6).to_bytes(4, "big") * 2 + b"\x08\2\0\0\0" + bytes(8)
     camera = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
-    found = Recording([0.0], np.zeros((1, 3)), Disc(0.1), camera, image=(png,), codec="png")  # pyright: ignore[reportArgumentType]
+    found = Recording([0.0], np.zeros((1, 3)), Disc(0.1), camera, image=(png,))  # pyright: ignore[reportArgumentType]
     tracemalloc.start()
     with pytest.raises(PalpateError, match="image of frame 0: "):
         found[0]

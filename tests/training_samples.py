@@ -49,7 +49,6 @@ def recording(g: Any, contact: Any, shape: Shape = RECTANGLE, where: Any = None,
         "object_pose": pose,
         "contact": contact,
         "image": [image(at, frame) for frame, at in enumerate(seen)],
-        "codec": "png",
     }
     return Recording(**(fields | changes))
 

@@ -35,4 +35,4 @@ def imaged_push() -> Recording:
     images[touching, 10:30, 8:22] += 60.0
     coded = tuple(encoded(image.clip(0, 255).astype(np.uint8)) for image in images)
     time = np.arange(FRAMES) / 30.0
-    return Recording(time, sensor, Rectangle(0.1, 0.06), CAMERA, truth, touching, image=coded, codec="png")
+    return Recording(time, sensor, Rectangle(0.1, 0.06), CAMERA, truth, touching, image=coded)

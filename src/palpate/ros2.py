@@ -224,9 +224,9 @@ class Topics(MessageSink):
     def _image(self, message: Any) -> TouchImage:
         time = self.clock.time_of(message)
         if self._view != AS_IT_IS:
-            return TouchImage(time, self._view.of(decode_image(image_of(message)[0])))
+            return TouchImage(time, self._view.of(decode_image(image_of(message))))
         if hasattr(message, "format"):
-            return TouchImage(time, *compressed_image(message))
+            return TouchImage(time, compressed_image(message))
         return TouchImage(time, raw_image(message))
 
     def _pose(self, message: Any) -> TimedPose | Refused:

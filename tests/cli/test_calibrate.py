@@ -25,7 +25,7 @@ def recorded(n: int = 80, touched: slice = slice(40, 60), flags: bool = True, sh
     coded = tuple(encoded(np.rint(image).astype(np.uint8)) for image in images)
     given = palpate.Recording(
         np.arange(n) / 30.0, np.zeros((n, 3)), palpate.Disc(0.05), SENSOR, None, contact if flags else None,
-        image=coded, codec="png",
+        image=coded,
     )  # fmt: skip
     palpate.write_recording(given, "rest.mcap", overwrite=True)
 

@@ -168,7 +168,7 @@ def test_a_sensor_off_the_outline(check, shift, kind):
 def test_damaged_images(check):
     good, wide = (cv2.imencode(".png", np.zeros((8, width, 3), np.uint8))[1].tobytes() for width in (6, 8))
     sensor = palpate.SensorProfile("camera", radius=0.0, image_height=8, image_width=6)
-    found = check(push(5, sensor=sensor, image=(good, good, b"", wide, good), codec="png"))
+    found = check(push(5, sensor=sensor, image=(good, good, b"", wide, good)))
     assert (found["images"], found["image_size"], kinds(found)) == (4, [8, 6], ["image", "image"])
     assert [f"frame {k}" in each["sentence"] for k, each in zip((2, 3), found["findings"], strict=True)] == [True, True]
 

@@ -75,7 +75,7 @@ def test_touch_images_and_the_pad_are_in_millimetres(tracked):
     images = np.zeros((40, 320, 240, 3), np.uint8)
     images[:, :80, :120] = 250  # the upper left
     coded = tuple(encoded(image) for image in images)
-    run = replace(tracked, recording=replace(tracked.recording, sensor=palpate.DIGIT, image=coded, codec="png"))
+    run = replace(tracked, recording=replace(tracked.recording, sensor=palpate.DIGIT, image=coded))
     figure = run_figure(run)
     strip = figure.axes[3:]
     assert [axes.get_title() for axes in strip] == ["touch at 0.4 s", "touch at 1.2 s"]

@@ -33,7 +33,6 @@ def recording(touches: list[float | None]) -> Recording:
         shape=Disc(0.04),
         sensor=SENSOR,
         image=tuple(image(at, index) for index, at in enumerate(touches)),
-        codec="png",
     )
 
 

@@ -43,7 +43,7 @@ def push(path: Path) -> Recording:
     mark = 60.0 * np.exp(-(((row - 160) / 90) ** 4) - ((column - 130) / 25) ** 2)[:, :, None]
     free, pressed = ([encoded(image.clip(0, 255).astype(np.uint8)) for image in gels + more] for more in (0.0, mark))
     images = tuple((pressed if touch else free)[index % len(gels)] for index, touch in enumerate(touching))
-    recording = Recording(time, sensor, SHAPE, DIGIT, image=images, codec="png")
+    recording = Recording(time, sensor, SHAPE, DIGIT, image=images)
     write_recording(recording, path)
     return recording
 

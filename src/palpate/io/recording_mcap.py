@@ -21,7 +21,7 @@ from palpate.files import existing_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io.mcap_file import CutShort, MessageWriter, front_matter, is_mcap, mcap_messages, nanoseconds, new_mcap
 from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, POSE, decoded
-from palpate.types.images import Codec, SpooledImages
+from palpate.types.images import codec_of
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
 from palpate.types.space import flat, out_of_plane
@@ -60,7 +60,6 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     first = {name: getattr(recording, name) for name in stated}
     about = {
         "source": recording.source,
-        "codec": recording.codec,
         "contact_derived": json.dumps(recording.contact_derived),
         "frames": json.dumps(recording.frames),
         **{name: json.dumps(value.tolist()) for name, value in first.items() if value is not None},
@@ -76,9 +75,9 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
                 file.attach(f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
         for index, stamp in enumerate(stamps):
             if recording.image is not None:
-                image = np.frombuffer(recording.image[index], np.uint8)
-                header = file.header(stamp, "sensor")
-                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=recording.codec, data=image)
+                image = recording.image[index]
+                header, data = file.header(stamp, "sensor"), np.frombuffer(image, np.uint8)
+                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=codec_of(image) or "jpeg", data=data)
             if recording.contact is not None:
                 file.add(CONTACT, BOOL, stamp, data=bool(recording.contact[index]))
             header = file.header(stamp, plane.frame)
@@ -142,17 +141,15 @@ def _from_arrays(
         first = {name: json.loads(about[name]) for name in ("first_pose", "first_pose_sigma") if name in about}
     except ValueError as error:
         raise FileError(f"metadata first_pose: is not valid JSON ({error})") from error
-    images, codec, count = _frames(path, len(arrays["time"]))
+    images, count = _frames(path, len(arrays["time"]))
     if 0 < len(images) < count:
         raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
-    images.keep(range(min(count, len(images))))
     return Recording(
         **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
         **first,
         shape=shape,
         sensor=sensor,
-        image=images if len(images) else None,
-        codec=codec or about.get("codec", "jpeg"),  # pyright: ignore[reportArgumentType]  # Recording checks it
+        image=images[:count] or None,
         contact_derived=about.get("contact_derived") == "true",
         source=about.get("source", ""),
         frames={str(key): str(value) for key, value in _json(about, "frames").items()},
@@ -161,15 +158,13 @@ def _from_arrays(
     )
 
 
-def _frames(path: Path, expected: int) -> tuple[SpooledImages, Codec | None, int]:
-    """Return the images, their codec, and the number of frames that are whole; warns where the file is cut off."""
-    images, codec, count = SpooledImages(), None, 0
+def _frames(path: Path, expected: int) -> tuple[list[bytes], int]:
+    """Return the images and the number of frames that are whole; warns where the file is cut off."""
+    images, count = list[bytes](), 0
     try:
         for raw in mcap_messages(path):
             if raw.channel.topic == IMAGES:
-                message = decoded(raw, COMPRESSED_IMAGE)
-                images.append(message.data.tobytes())
-                codec = message.format
+                images.append(decoded(raw, COMPRESSED_IMAGE).data.tobytes())
             count += raw.channel.topic == SENSOR_POSES
     except CutShort as error:
         if not count:
@@ -177,7 +172,7 @@ def _frames(path: Path, expected: int) -> tuple[SpooledImages, Codec | None, int
         logger.warning("%s; the %d frames before that are read", error, min(count, expected))
     if not count or count > expected:
         raise FileError(f"holds {count} sensor poses of a recording of {expected} frames")
-    return images, codec, count
+    return images, count
 
 
 def _from_messages(path: Path, shape: Shape, sensor: SensorProfile) -> Recording:

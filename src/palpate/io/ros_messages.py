@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.types.images import Codec, codec_of, encode_image
+from palpate.types.images import codec_of, encode_image
 
 Array = NDArray[np.float64]
 
@@ -140,20 +140,20 @@ def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:
     return Pose(message.header.frame_id.lstrip("/"), child.lstrip("/"), stamp_of(message) or 0, numbers)
 
 
-def image_of(message: Any) -> tuple[bytes, Codec]:
+def image_of(message: Any) -> bytes:
     """Return an image as encoded bytes: those of a CompressedImage, or an Image as PNG. Raises FileError."""
     if hasattr(message, "format"):
         return compressed_image(message)
-    return encode_image(raw_image(message), "png"), "png"
+    return encode_image(raw_image(message), "png")
 
 
-def compressed_image(message: Any) -> tuple[bytes, Codec]:
-    """Return the bytes of a CompressedImage, and their codec. Raises FileError on others than colour."""
+def compressed_image(message: Any) -> bytes:
+    """Return the bytes of a CompressedImage. Raises FileError on others than colour."""
     data = message.data.tobytes() if isinstance(message.data, np.ndarray) else bytes(message.data)
-    colour, codec = message.format.split(";")[0].strip(), codec_of(data)
-    if codec is None or colour.startswith("mono") or colour.endswith("C1"):
+    colour = message.format.split(";")[0].strip()
+    if codec_of(data) is None or colour.startswith("mono") or colour.endswith("C1"):
         raise FileError(f"images are {message.format!r}, allowed are colour images as JPEG or PNG")
-    return data, codec
+    return data
 
 
 def raw_image(message: Any) -> NDArray[np.uint8]:

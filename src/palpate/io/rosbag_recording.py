@@ -28,7 +28,7 @@ from palpate.io.ros_messages import (
 )
 from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
 from palpate.types.from_arrays import nanoseconds
-from palpate.types.images import CameraView, Codec, SpooledImages, camera_view, codec_of, decode_image, turned_image
+from palpate.types.images import CameraView, camera_view, decode_image, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import (
@@ -234,7 +234,7 @@ def _check_images(name: str, topics: list[Topic], sensor: SensorProfile, view: C
     first: FileError | None = None
     for message in (sample for topic in topics for sample in topic.samples):
         try:
-            decode_image(image_of(message)[0], (sensor.image_height, sensor.image_width), view)
+            decode_image(image_of(message), (sensor.image_height, sensor.image_width), view)
         except FileError as error:
             first = first or error
         else:
@@ -291,13 +291,12 @@ def _only(found: Contents, what: str, names: list[str], chosen: str | None, opti
 class _Streams(NamedTuple):
     """Images and poses of a bag with their times."""
 
-    images: SpooledImages
+    images: list[bytes]
     """Encoded images in the order of the bag; those that are damaged may be empty."""
     flags: list[bool]
     """Contact flags likewise."""
     order: dict[int, int]
     """Index of each image or flag by its time [ns]."""
-    codec: Codec
     poses: dict[str, Poses]
     """Poses by topic, and those of transforms by the frame that they place."""
     static: set[str]
@@ -306,7 +305,7 @@ class _Streams(NamedTuple):
 
 def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor: SensorProfile | None) -> _Streams:
     """Read what a mapping uses. Raises FileError, without the name of the bag, on a message that cannot be used."""
-    images, index, codecs, static = SpooledImages(), dict[int, int](), set[Codec](), set[str]()
+    images, index, static = list[bytes](), dict[int, int](), set[str]()
     needed = {name for source in (chosen.sensor, chosen.object) if source for name in (*source.up, *source.down)}
     gathered: dict[str, list[tuple[int, Pose]]] = {}
     topics = {topic.channel: topic for topic in chosen.topics}
@@ -321,7 +320,6 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor:
                 images.append(turned_image(existing_file(path).read_bytes(), size, view))
                 if not index:
                     decode_image(images[0], size)
-                codecs |= {codec_of(images[-1]) or "jpeg"}
             index[time] = len(images) - 1
     # `contents` has counted messages that do not decode, and warned of a bag that is cut off.
     with suppress(CutShort):
@@ -333,12 +331,10 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor:
                 continue
             if raw.channel.type in IMAGE_TYPES:
                 index[raw.log_time if choices.clock == "log" else stamp_of(message) or 0] = len(images)
-                data, codec = b"", None
+                data = b""
                 with suppress(FileError):  # a damaged image is a frame that tracking skips
-                    whole, codec = image_of(message)
-                    data = turned_image(whole, size, view)
+                    data = turned_image(image_of(message), size, view)
                 images.append(data)
-                codecs |= {codec} if codec else set()
                 continue
             if raw.channel.type == BOOL:
                 index[raw.log_time + offset] = len(flags)
@@ -356,10 +352,8 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor:
             logger.warning(words, found.path, topic.damaged, topic.channel.topic)
     if repeated := max(len(images) - len(index), 0):
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
-    if len(codecs) > 1:
-        raise FileError(f"some images are {', others '.join(sorted(codecs))}; expected one of them")
     poses = {name: _in_time(name, rows) for name, rows in gathered.items()}
-    return _Streams(images, flags, index, codecs.pop() if codecs else "jpeg", poses, static)
+    return _Streams(images, flags, index, poses, static)
 
 
 def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
@@ -412,9 +406,8 @@ def _recording(
         flags = _touched([streams.images[streams.order[stamp]] for stamp in stamps.tolist()], sensor)
     motion = in_plane(str(found.path), frame, time, of_sensor, truth, choices.plane, choices.off_plane, flags)
     frames["sensor_pose"] = f"{name} in {frame!r}, interpolated; {motion.plane}"
-    images = None if streams.flags else streams.images
-    if images is not None:
-        images.keep(streams.order[stamp] for stamp in stamps[motion.keep].tolist())
+    kept = stamps[motion.keep].tolist()
+    images = None if streams.flags else [streams.images[streams.order[stamp]] for stamp in kept]
     seen = f"{'contact' if images is None else 'images'} {chosen.images or choices.image_times}"
     recording = Recording(
         time=time[motion.keep] / 1e9,
@@ -424,7 +417,6 @@ def _recording(
         object_pose=motion.object_pose,
         contact=flags[motion.keep] if streams.flags and flags is not None else None,
         image=images,
-        codec=streams.codec,
         source=f"bag {found.path.name}, {seen}",
         frames=frames,
         file=found.path,

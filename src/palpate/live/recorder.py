@@ -14,6 +14,7 @@ from palpate.io.ros_messages import COMPRESSED_IMAGE, POSE, MessageSink, ros_typ
 from palpate.live.session import Listen, LiveEstimate
 from palpate.live.sources import TimedPose, TouchImage
 from palpate.pipeline.track import gathered
+from palpate.types.images import codec_of
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import Plane, flat, out_of_plane
 
@@ -42,8 +43,9 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
                 header, pose = file.header(stamp, plane.frame), file.pose(position, rotation)
                 file.add(SENSOR_POSES, POSE, stamp, header=header, pose=pose)
             else:
-                data, header = np.frombuffer(item.encoded(), np.uint8), file.header(stamp, "sensor")
-                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=item.codec, data=data)
+                image = item.encoded()
+                header, data = file.header(stamp, "sensor"), np.frombuffer(image, np.uint8)
+                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=codec_of(image) or "jpeg", data=data)
 
         yield record
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
-from palpate.types.images import Codec, decode_image, encode_image
+from palpate.types.images import decode_image, encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
@@ -56,8 +56,6 @@ class TouchImage(NamedTuple):
     """Time on the session's clock [s]."""
     data: bytes | Image
     """Encoded bytes, or pixels (height, width, 3) RGB."""
-    codec: Codec = "jpeg"
-    """Encoding of the bytes, or the one to record pixels with."""
 
     def pixels(self, sensor: SensorProfile) -> Image:
         """Return the pixels. Raises FileError if the bytes are damaged or hold an image of another size."""
@@ -66,7 +64,7 @@ class TouchImage(NamedTuple):
 
     def encoded(self) -> bytes:
         """Return the bytes to record."""
-        return self.data if isinstance(self.data, bytes) else encode_image(self.data, self.codec)
+        return self.data if isinstance(self.data, bytes) else encode_image(self.data)
 
 
 class TimedPose(NamedTuple):
@@ -169,7 +167,7 @@ def replayed(recording: Recording) -> Sources:
 
     def play_images(stop: threading.Event) -> Iterator[TouchImage]:
         for when, image in zip(in_time(times, clock, stop), images, strict=False):
-            yield TouchImage(when, image, recording.codec)
+            yield TouchImage(when, image)
 
     def play_poses(stop: threading.Event) -> Iterator[TimedPose]:
         return map(TimedPose, in_time(times, clock, stop), recording.sensor_pose)

@@ -50,8 +50,8 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
 
 def encoded_images(
     images: Any, indices: Sequence[int], codec: Codec, size: tuple[int, int], orientation: str
-) -> tuple[tuple[bytes, ...], Codec]:
-    """Return some images, fitted to a size (rows, columns), as encoded bytes, and their codec; bytes stay as they are.
+) -> tuple[bytes, ...]:
+    """Return some images, fitted to a size (rows, columns), as encoded bytes; bytes stay as they are.
 
     Raises FileError that names the first image that does not fit.
     """
@@ -71,11 +71,11 @@ def encoded_images(
                 data.append(encode_image(fitted(pixels, size, view), codec))
                 continue
             data.append(turned_image(image, size, view))
-            if not (found := codec_of(image)) or found != codec_of(data[0]):
-                raise FileError(f"begins with {image[:8]!r}; expected JPEG or PNG, as the first is")
+            if not codec_of(image):
+                raise FileError(f"begins with {image[:8]!r}; expected JPEG or PNG")
             if len(data) == 1:
                 decode_image(data[0], size)
-    return tuple(data), codec_of(data[0]) or codec
+    return tuple(data)
 
 
 def placed_poses(

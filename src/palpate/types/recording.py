@@ -23,7 +23,7 @@ from palpate.checks import (
 from palpate.config import FirstPoseSettings
 from palpate.errors import FileError, SettingError
 from palpate.geometry.shapes import Shape, check_outline
-from palpate.types.images import AS_IT_IS, Codec, SpooledImages, camera_view, check_codec, decode_image, turned_image
+from palpate.types.images import AS_IT_IS, Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile, known_sensor
 
@@ -56,8 +56,6 @@ class Recording:
     """(N,) number of the contact episode, -1 outside contact"""
     image: Sequence[bytes] | None = None
     """N encoded touch images; iterating over the recording decodes them one by one"""
-    codec: Codec = "jpeg"
-    """encoding of the images"""
     contact_derived: bool = False
     """the contact flags were computed from ground truth and geometry, not sensed"""
     source: str = ""
@@ -112,11 +110,10 @@ class Recording:
             episode = checked_array("episode", self.episode, INTEGERS, (n,)).astype(np.int64)
             check_rows("episode", episode, episode >= -1, "0, 1, 2 ..., or -1 outside contact")
             settle("episode", episode)
-        check_codec(self.codec)
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
-            settle("image", self.image if isinstance(self.image, SpooledImages) else _checked_images(self.image))
+            settle("image", _checked_images(self.image))
             if len(self.image) != n:
                 raise FileError(f"image: found {len(self.image)} images for {n} times, expected one for each")
         settle("extra", {name: _checked_extra(name, value, n) for name, value in self.extra.items()})
@@ -195,7 +192,7 @@ class Recording:
         check_upright(placed[motion.keep], motion.plane)
         if given is not None:
             size = sensor.image_height, sensor.image_width
-            given, codec = encoded_images(given, np.flatnonzero(motion.keep).tolist(), codec, size, orientation)
+            given = encoded_images(given, np.flatnonzero(motion.keep).tolist(), codec, size, orientation)
         shifted = f", images shifted by {time_offset:+g} s" if time_offset else ""
         frames = {"sensor_pose": f"as given, interpolated; {motion.plane}{shifted}"}
         return cls(
@@ -206,7 +203,6 @@ class Recording:
             object_pose=motion.object_pose,
             contact=None if flags is None else flags[motion.keep],
             image=given,
-            codec=codec,
             source=source,
             frames=frames if truth is None else {**frames, "object_pose": "as given, likewise"},
         )

@@ -60,9 +60,7 @@ def test_what_is_known_of_the_unit_is_known_again(seen):
     images = [np.asarray(frame.image)[::-1, ::-1] for frame in seen]
     told = DirectionCorrection(0.05, 0.9, 0.01, 0.02)
     unit = Calibration(background_of(image[::-1, ::-1] for image in images[:15]), CameraView(2), told)
-    turned = replace(
-        seen, image=tuple(encode_image(np.ascontiguousarray(image), "png") for image in images), codec="png"
-    )
+    turned = replace(seen, image=tuple(encode_image(np.ascontiguousarray(image), "png") for image in images))
     recorded, run = both_ways(turned, "learnt", unit)
     assert recorded.correction == told and run.calibration is unit
 
