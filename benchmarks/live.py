@@ -1,6 +1,6 @@
-"""A long live session: latency, memory and drops while it records and shows.
+"""A long live session: latency, memory and drops while it records.
 
-    python benchmarks/live.py --rate 30 --seconds 300 [--view]
+    python benchmarks/live.py --rate 30 --seconds 300
 
 A simulated push of that length is replayed in real time by `palpate live --replay --record`, in a process of its own.
 Printed as JSON are
@@ -35,13 +35,13 @@ TARGETS = {"p50": 8.0, "p99": 25.0, "rss_growth_mb": 50.0}
 """[ms, ms, MB]"""
 
 
-def main(rate: float = 30.0, seconds: float = 300.0, view: bool = False) -> None:
+def main(rate: float = 30.0, seconds: float = 300.0) -> None:
     """Make the push, replay it and print the results."""
     with tempfile.TemporaryDirectory() as folder:
         path, recorded = Path(folder) / "push.mcap", Path(folder) / "live.mcap"
         push = simulate_recording(Rectangle(0.2363, 0.1579), "rectangle-edges", 1, seconds * rate / DIGIT.rate)
         write_recording(replace(push, time=push.time * DIGIT.rate / rate), path)
-        words = ["live", "--replay", str(path), "--record", str(recorded), "--json", *(["--view"] if view else [])]
+        words = ["live", "--replay", str(path), "--record", str(recorded), "--json"]
         summary, memory = watched([sys.executable, "-m", "palpate", *words])
         agree = counts_agree(summary, recorded)
     first, last = memory[: max(1, min(60, len(memory) // 5))], memory[-max(1, len(memory) // 10) :]

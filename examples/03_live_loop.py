@@ -5,7 +5,7 @@
     palpate demo                                            # leaves demo-run/recording.mcap
     python 03_live_loop.py demo-run/recording.mcap
 
-`palpate live` has such a loop for a camera, with sensor poses by UDP or by a function like that of own_package.
+`palpate live` has such a loop for a camera with sensor poses by UDP.
 """
 
 import sys

@@ -31,7 +31,6 @@ from palpate.io.ros_messages import (
     POSE_WITH_COVARIANCE,
     MessageSink,
     compressed_image,
-    image_of,
     poses_of,
     raw_image,
     stamp_of,
@@ -92,7 +91,7 @@ def run(node: Any, stop: threading.Event) -> LiveSession:
     sources = Sources(topics.images, topics.poses, topics.clock, turned_as(DIGIT, calibration), offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.say(f"tracking: images of {node.resolve_topic_name(IMAGES)}")
-    session.run(stop, [partial(topics.publish, session.counts)])
+    session.run(stop, partial(topics.publish, session.counts))
     return session
 
 
@@ -110,14 +109,13 @@ def ros_node(arguments: Sequence[str]) -> Iterator[Any]:
             "ROS 2 topics need rclpy, which comes with ROS 2 and cannot be imported here: source its setup.bash, "
             "and use a Python environment that sees it (python3 -m venv --system-site-packages)"
         ) from error
-    context = rclpy.Context()
     no_signals = import_module("rclpy.signals").SignalHandlerOptions.NO
     try:
-        rclpy.init(args=list(arguments), context=context, signal_handler_options=no_signals)
+        rclpy.init(args=list(arguments), signal_handler_options=no_signals)
     except RuntimeError as error:  # of arguments that ROS does not know
         raise SettingError(f"ROS refuses these arguments: {one_line(error)}") from error
-    node = rclpy.create_node("palpate", context=context)
-    executor = import_module("rclpy.executors").SingleThreadedExecutor(context=context)
+    node = rclpy.create_node("palpate")
+    executor = import_module("rclpy.executors").SingleThreadedExecutor()
     executor.add_node(node)
     thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
@@ -127,7 +125,7 @@ def ros_node(arguments: Sequence[str]) -> Iterator[Any]:
         executor.shutdown()
         thread.join()
         node.destroy_node()
-        context.try_shutdown()
+        rclpy.try_shutdown()
 
 
 def _parameter(node: Any, name: str) -> Any:
@@ -150,20 +148,12 @@ class Ros2Clock(Clock):
     def __init__(self, node: Any) -> None:
         """Start at 0 s, now."""
         self._clock = node.get_clock()
-        self._epoch = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
+        self.epoch: int = self._clock.now().nanoseconds
+        """Stamp of the start [ns]; times after it are small enough to resolve nanoseconds."""
 
     def now(self) -> float:
         """Return the time [s]."""
-        return (self._clock.now().nanoseconds - self._epoch) * 1e-9
-
-    def stamp(self, time: float) -> int:
-        """Return the stamp [ns] of a time [s]."""
-        return self._epoch + round(time * 1e9)
-
-    def time_of(self, message: Any) -> float:
-        """Return the time of a message's stamp [s], or that of its arrival if it has none."""
-        stamp = stamp_of(message)
-        return (stamp - self._epoch) * 1e-9 if stamp else self.now()
+        return (self._clock.now().nanoseconds - self.epoch) * 1e-9
 
 
 class Topics(MessageSink):
@@ -178,11 +168,9 @@ class Topics(MessageSink):
     ) -> None:
         """Take the node, the plane's normal (3,) in the frame of the poses, and words on how images lie.
 
-        `sensor_T_gel` (7,), position [m] and quaternion x, y, z, w, is the gel in the frame whose poses are published,
-        such as a flange.
+        `sensor_T_gel` (7,), position [m] and quaternion x, y, z, w, is the gel in the frame whose poses are published.
         """
-        self._node, self._place = node, GelPoses(sensor_T_gel, normal)
-        self._view = camera_view(orientation)
+        self._node, self._place, self._view = node, GelPoses(sensor_T_gel, normal), camera_view(orientation)
         self.clock = Ros2Clock(node)
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
@@ -222,26 +210,26 @@ class Topics(MessageSink):
                 yield convert(waiting.get(timeout=0.05))
 
     def _image(self, message: Any) -> TouchImage:
-        time = self.clock.time_of(message)
+        data = compressed_image(message) if hasattr(message, "format") else raw_image(message)
         if self._view != AS_IT_IS:
-            return TouchImage(time, self._view.of(decode_image(image_of(message))))
-        if hasattr(message, "format"):
-            return TouchImage(time, compressed_image(message))
-        return TouchImage(time, raw_image(message))
+            data = self._view.of(decode_image(data) if isinstance(data, bytes) else data)
+        return TouchImage(self._time_of(message), data)
 
     def _pose(self, message: Any) -> TimedPose | Refused:
         (pose,) = poses_of(message)
-        return checked_pose(self.clock.time_of(message), pose.numbers, self.clock.now(), self._place, pose.frame)
+        return checked_pose(self._time_of(message), pose.numbers, self.clock.now(), self._place, pose.frame)
+
+    def _time_of(self, message: Any) -> float:
+        """Return the time of a message's stamp [s], or that of its arrival if it has none."""
+        stamp = stamp_of(message)
+        return (stamp - self.clock.epoch) * 1e-9 if stamp else self.clock.now()
 
     def publish(self, counts: Mapping[str, int], item: TouchImage | TimedPose | LiveEstimate) -> None:
         """Publish an estimate, with the session's counts in its diagnostics."""
-        if not isinstance(item, LiveEstimate):
-            return
-        plane = self._place.plane
-        assert plane is not None
-        stamp = self.clock.stamp(item.estimate.time)
-        words = {name.replace("_", " "): str(count) for name, count in counts.items()}
-        add_live_estimate(self, plane, stamp, item, words)
+        if isinstance(item, LiveEstimate) and (plane := self._place.plane):
+            stamp = self.clock.epoch + round(item.estimate.time * 1e9)
+            words = {name.replace("_", " "): str(count) for name, count in counts.items()}
+            add_live_estimate(self, plane, stamp, item, words)
 
     def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
         """Publish a message."""
@@ -256,12 +244,9 @@ class Topics(MessageSink):
 
 @cache
 def message_type(name: str) -> Any:
-    """Return the class of a message type such as geometry_msgs/msg/Pose. Raises SettingError if it is not installed."""
+    """Return the class of a message type such as geometry_msgs/msg/Pose; every ROS 2 has those of palpate."""
     package, _, type_ = name.split("/")
-    try:
-        return getattr(import_module(f"{package}.msg"), type_)
-    except ImportError as error:
-        raise SettingError(f"messages of type {name} need {package}, which is not installed in this ROS") from error
+    return getattr(import_module(f"{package}.msg"), type_)
 
 
 if __name__ == "__main__":

@@ -92,9 +92,8 @@ def test_all_answers_are_published():
     several = tuple(Answer(pose, COVARIANCE, weight) for pose, weight in zip(POSES, (0.7, 0.3), strict=True))
     ambiguous = Estimate(0.5, POSES[0], np.eye(3), True, "ambiguous", "2 poses fit", several)
     sure = Estimate(0.75, POSES[1], COVARIANCE, True, "tracking", "", (Answer(POSES[1], COVARIANCE, 1.0),))
-    frame: Any = None
     for estimate in (ambiguous, sure):
-        topics.publish({"left_out": 3}, LiveEstimate(estimate, frame, None, 0.0, 0.004))
+        topics.publish({"left_out": 3}, LiveEstimate(estimate, 0.0, 0.004))
     published = node.published
     arrays, diagnoses = published["~/object_pose_answers"], published["~/diagnostics"]
     for index, poses in enumerate((POSES, POSES[1:])):

@@ -17,10 +17,9 @@ if TYPE_CHECKING:
 def live(
     *,
     camera: Annotated[str | None, arg("SERIAL|N|PATH", "none; or --replay")] = None,
-    poses: Annotated[str | None, arg("udp:PORT|NAME", "none; --camera needs it")] = None,
+    poses: Annotated[str | None, arg("udp:PORT", "none; --camera needs it")] = None,
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
     record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
-    view: bool = False,
     seconds: Annotated[float | None, arg("S", "until Ctrl-C")] = None,
     force: Force = False,
     json: Json = False,
@@ -37,14 +36,11 @@ def live(
 
     Args:
         camera: Camera of a DIGIT, or a video or a folder of images in its place.
-        poses: Sensor poses: JSON by UDP on this machine, or an entry point of palpate.poses.
+        poses: Sensor poses: JSON by UDP on this machine.
         replay: A recording or a bag, played in real time.
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
-        view: Show the session in Rerun too.
         seconds: End after this time [s].
     """
-    import numpy as np
-
     from palpate.config import NoiseSettings, TrackerSettings
     from palpate.io.outlines import load_shape
     from palpate.live.camera import camera_sources
@@ -54,7 +50,6 @@ def live(
     from palpate.pipeline.track import first_pose_of
     from palpate.touch.calibration import turned_as
     from palpate.tracker import Tracker
-    from palpate.types.recording import Recording
     from palpate.types.sensor import DIGIT
     from palpate.types.space import GelPoses
 
@@ -64,11 +59,6 @@ def live(
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if (camera is None) == (replay is None) or (camera is None) != (poses is None):
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
-    if view:
-        from palpate.viewer.rerun_view import has_display
-
-        if not has_display():
-            raise SettingError("--view: there is no display to open a window on")
     if record:
         check_new(record, force)
     first: Any
@@ -89,25 +79,19 @@ def live(
             opened = camera_sources(camera, poses, DIGIT, unit, place, bag.orientation, bag.time_offset)
             with progress_bar("looking for images and poses"):
                 sources = stack.enter_context(opened)
-            scene = Recording(np.zeros(1), np.array([first]), shape, DIGIT, image=(b"",))
         else:
             assert replay is not None
-            name, (scene, _) = replay.name, bag.read(replay)
-            sources = replayed(scene)
-            first, sigma = first_pose_of(scene, NoiseSettings(), first, sigma)
+            name, (recording, _) = replay.name, bag.read(replay)
+            shape, sources = recording.shape, replayed(recording)
+            first, sigma = first_pose_of(recording, NoiseSettings(), first, sigma)
         settings = TrackerSettings(touch.tactile)
-        sensor, listeners = turned_as(sources.sensor, unit), []
-        tracker = Tracker(scene.shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
-        if record:
-            listeners.append(stack.enter_context(recorder(record, scene.shape, sources.sensor, force)))
-        if view:
-            from palpate.viewer.rerun_view import live_view
-
-            listeners.append(stack.enter_context(live_view(scene, name)))
+        sensor = turned_as(sources.sensor, unit)
+        tracker = Tracker(shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
+        listen = record and stack.enter_context(recorder(record, shape, sources.sensor, force))
         stop = stack.enter_context(stop_on_signals())
         session = LiveSession(tracker, sources, complain)
         stack.enter_context(live_table(f"palpate live: {name}", session))
-        session.run(stop, listeners, float("inf") if seconds is None else seconds)
+        session.run(stop, listen, float("inf") if seconds is None else seconds)
     report(json, "live", session.summary())
     if record and not json:
         print_line(f"recorded: {record}")

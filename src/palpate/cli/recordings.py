@@ -1,4 +1,4 @@
-"""`palpate info`, `convert` and `view`: the content of files, other formats of it, and a view of it in Rerun."""
+"""`palpate info`, `convert` and `view`: the content of files, and other formats of it, of which one is Rerun's."""
 
 from math import degrees
 from pathlib import Path
@@ -75,28 +75,23 @@ def view(
     ],
     /,
     *,
-    save: Annotated[Path | None, arg("FILE.rrd", "a window; without a display, <name>.rrd")] = None,
+    save: Annotated[Path | None, arg("FILE.rrd", "<name>.rrd")] = None,
     force: Force = False,
 ) -> int:
-    """Show a run or a recording in Rerun: the push from above, touch, errors and status over time.
+    """Write a run or a recording for Rerun: the push from above, touch, errors and status over time.
 
-    Example: palpate view runs/push
+    Example: palpate view runs/push && rerun push.rrd
 
     Args:
-        save: Write a file for Rerun instead of opening a window.
+        save: File to write.
     """
-    from palpate.viewer.rerun_view import has_display, save_scene, show_scene
+    from palpate.viewer.rerun_view import save_scene
     from palpate.viewer.scene import load_scene
 
-    file = save if save or has_display() else Path(f"{printable(path.resolve().stem)}.rrd")
-    if file:
-        check_new(file, force)
+    file = save or Path(f"{printable(path.resolve().stem)}.rrd")
+    check_new(file, force)
     with progress_bar(f"reading {path.name}"):
-        scene = load_scene(path)
-        if file is None:
-            show_scene(scene)
-            return 0
-        save_scene(scene, file, force)
+        save_scene(load_scene(path), file, force)
     print_line(f"{file}: open it with `rerun {file}`, which a computer with a display and rerun-sdk 0.41 has")
     return 0
 

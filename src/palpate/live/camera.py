@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.live.sources import Clock, Image, ImageSource, Sources, TouchImage, in_time, pose_source
+from palpate.live.sources import Clock, Image, ImageSource, Sources, TouchImage, in_time, udp_poses
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.types.images import CameraView, camera_view, scaled
 from palpate.types.sensor import SensorProfile
@@ -156,7 +156,7 @@ def camera_sources(
         else:
             camera = stack.enter_context(closing(Camera(camera_path(name), arriving, clock, orientation)))
             rate, images = camera.rate, camera.images
-        source = stack.enter_context(pose_source(poses, clock, place))
+        source = stack.enter_context(udp_poses(poses, clock, place))
         yield Sources(images, source, clock, replace(arriving, rate=rate), time_offset)
 
 

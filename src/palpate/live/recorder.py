@@ -14,7 +14,7 @@ from palpate.io.ros_messages import COMPRESSED_IMAGE, POSE, MessageSink, ros_typ
 from palpate.live.session import Listen, LiveEstimate
 from palpate.live.sources import TimedPose, TouchImage
 from palpate.pipeline.track import gathered
-from palpate.types.images import codec_of
+from palpate.types.images import codec_of, encode_image
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import Plane, flat, out_of_plane
 
@@ -43,9 +43,10 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
                 header, pose = file.header(stamp, plane.frame), file.pose(position, rotation)
                 file.add(SENSOR_POSES, POSE, stamp, header=header, pose=pose)
             else:
-                image = item.encoded()
-                header, data = file.header(stamp, "sensor"), np.frombuffer(image, np.uint8)
-                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=codec_of(image) or "jpeg", data=data)
+                data = item.data if isinstance(item.data, bytes) else encode_image(item.data)
+                pixels, header = np.frombuffer(data, np.uint8), file.header(stamp, "sensor")
+                format_ = codec_of(data) or "jpeg"  # of a damaged image too
+                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=format_, data=pixels)
 
         yield record
 

@@ -1,14 +1,13 @@
 """The loop of a live session: a thread for images and one for poses fill a queue, and the caller's thread empties it.
 
-Images that arrive during a step replace one another, so that the estimate never lags behind; listeners, one of which
-records, receive all of them.
+Images that arrive during a step replace one another, so that the estimate never lags behind; the recorder receives all.
 """
 
 import signal
 import threading
 from array import array
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -18,9 +17,9 @@ import numpy as np
 from palpate.errors import FileError, FrameError
 from palpate.live.sources import ImageSource, PoseSource, PoseTrack, Refused, Sources, TimedPose, TouchImage
 from palpate.pipeline.metrics import PERCENTILES, percentiles
-from palpate.touch.background import Background
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
+from palpate.types.images import decode_image
 from palpate.types.measurements import Frame
 
 
@@ -29,17 +28,13 @@ class LiveEstimate(NamedTuple):
 
     estimate: Estimate
     """Estimate at the image's time."""
-    frame: Frame
-    """The frame as it was tracked."""
-    untouched: Background | None
-    """The untouched gel as known then."""
     pose_age: float
     """Time from the last sensor pose to the image [s], over which motion is extrapolated; 0 if a pose follows it."""
     latency: float
     """Time from image to estimate [s]."""
 
 
-Listen = Callable[[TouchImage | TimedPose | LiveEstimate], None]
+Listen = Callable[[TouchImage | TimedPose | LiveEstimate], Any]
 """Receives everything that arrives and is estimated."""
 
 
@@ -59,7 +54,7 @@ class LiveSession:
         self.last: LiveEstimate | None = None
         """The last estimate."""
         self._tracker, self._clock, self._sources = tracker, sources.clock, sources
-        self._listeners: Sequence[Listen] = ()
+        self._listen: Listen = lambda item: None
         self._arrived: SimpleQueue[TouchImage | TimedPose | Refused | str | Exception] = SimpleQueue()
         self._poses = PoseTrack()
         self._newest: TouchImage | None = None
@@ -68,14 +63,14 @@ class LiveSession:
         self._next_note: dict[str, float] = {}
         self._tactile_reason = ""
 
-    def run(self, stop: threading.Event, listeners: Sequence[Listen] = (), seconds: float = np.inf) -> None:
+    def run(self, stop: threading.Event, listen: Listen | None = None, seconds: float = np.inf) -> None:
         """Track until the images end, `stop` is set, or for some seconds [s].
 
-        A damaged image, or a frame that the tracker refuses, is left out and counted. Raises what a source, a listener
+        A damaged image, or a frame that the tracker refuses, is left out and counted. Raises what a source, `listen`
         or the tracker raises, and the FrameError of the first frame.
         """
-        self._listeners = listeners
-        sources: tuple[ImageSource, PoseSource] = (self._sources.images, self._sources.poses)
+        self._listen = listen or self._listen
+        sources = self._sources.images, self._sources.poses
         threads = [threading.Thread(target=self._read, args=(source, stop), daemon=True) for source in sources]
         for thread in threads:
             thread.start()
@@ -95,16 +90,12 @@ class LiveSession:
         self._receive(0.0)
         self.counts["dropped"] += self._newest is not None
 
-    @property
-    def rate(self) -> float | None:
-        """Measured rate of the last images [Hz]."""
-        times = list(self._times)
-        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else None
-
     def summary(self) -> dict[str, Any]:
-        """Return counts, percentiles of the time from image to estimate and the last estimate as data for JSON."""
+        """Return counts, the rate of the last images, percentiles of the latency and the last estimate, for JSON."""
+        times = list(self._times)
+        rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else None
         latency = percentiles(self._latencies) if self._latencies else dict.fromkeys(PERCENTILES)
-        found = {**self.counts, "rate_hz": self.rate, "latency_ms": latency, "statuses": dict(self.statuses)}
+        found = {**self.counts, "rate_hz": rate, "latency_ms": latency, "statuses": dict(self.statuses)}
         if last := self.last:
             found |= {"final_pose": last.estimate.pose.tolist()}
             found |= {"status": last.estimate.status, "reason": last.estimate.reason}
@@ -137,14 +128,14 @@ class LiveSession:
             self._count_fault("refused_poses", "a sensor pose is refused", item.reason)
         elif isinstance(item, TimedPose):
             self.counts["sensor_poses"] += 1
-            self._tell(item)
+            self._listen(item)
         else:
             item = item._replace(time=item.time + self._sources.time_offset)
             self.counts["images"] += 1
             self.counts["dropped"] += self._newest is not None
             self._times.append(item.time)
             self._newest = item
-            self._tell(item)
+            self._listen(item)
 
     def _step(self) -> None:
         """Track the newest image, which waits up to 10 ms for a pose that follows it."""
@@ -158,8 +149,10 @@ class LiveSession:
             self._count_fault("without_pose", "an image is without a sensor pose", placed.reason)
             return
         pose, age = placed
+        size = self._sources.sensor.image_height, self._sources.sensor.image_width
         try:
-            estimate = self._tracker.update(Frame(image.time, pose, image.pixels(self._sources.sensor)))
+            pixels = decode_image(image.data, size) if isinstance(image.data, bytes) else image.data
+            estimate = self._tracker.update(Frame(image.time, pose, pixels))
         except (FileError, FrameError) as error:
             if self.last is None and isinstance(error, FrameError):  # the first frame shows a fault of the set-up
                 raise
@@ -172,8 +165,8 @@ class LiveSession:
         self.statuses[estimate.status] += 1
         latency = self._clock.now() - image.time
         self._latencies.append(1e3 * latency)
-        self.last = LiveEstimate(estimate, self._tracker.frame, self._tracker.background, age, latency)
-        self._tell(self.last)
+        self.last = LiveEstimate(estimate, age, latency)
+        self._listen(self.last)
 
     def _count_fault(self, name: str, fault: str, reason: str) -> None:
         """Count a fault under a name and tell the user, once a second at most."""
@@ -181,10 +174,6 @@ class LiveSession:
         if (now := self._clock.now()) >= self._next_note.get(name, -np.inf):
             self._next_note[name] = now + 1.0
             self.say(f"{fault}, {self.counts[name]} so far: {reason}")
-
-    def _tell(self, item: TouchImage | TimedPose | LiveEstimate) -> None:
-        for listen in self._listeners:
-            listen(item)
 
 
 @contextmanager

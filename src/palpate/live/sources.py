@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,15 +22,12 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
-from palpate.types.images import decode_image, encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-OWN_POSES = "palpate.poses"
-"""Group of entry points: functions without arguments that yield time [s since 1970], x [m], y [m], theta [rad]."""
 
 
 class Clock:
@@ -56,15 +52,6 @@ class TouchImage(NamedTuple):
     """Time on the session's clock [s]."""
     data: bytes | Image
     """Encoded bytes, or pixels (height, width, 3) RGB."""
-
-    def pixels(self, sensor: SensorProfile) -> Image:
-        """Return the pixels. Raises FileError if the bytes are damaged or hold an image of another size."""
-        size = sensor.image_height, sensor.image_width
-        return decode_image(self.data, size) if isinstance(self.data, bytes) else self.data
-
-    def encoded(self) -> bytes:
-        """Return the bytes to record."""
-        return self.data if isinstance(self.data, bytes) else encode_image(self.data)
 
 
 class TimedPose(NamedTuple):
@@ -176,23 +163,20 @@ def replayed(recording: Recording) -> Sources:
 
 
 @contextmanager
-def pose_source(name: str, clock: Clock, place: GelPoses) -> Iterator[PoseSource]:
-    """Open the source udp:PORT or an entry point of OWN_POSES while the block runs. Raises SettingError."""
+def udp_poses(name: str, clock: Clock, place: GelPoses) -> Iterator[PoseSource]:
+    """Listen for poses at a port of this machine, udp:PORT, while the block runs. Raises SettingError."""
     kind, _, port = name.partition(":")
-    if kind != "udp":
-        yield partial(_own_poses, _entry_point(name), clock, place)
-        return
-    if not (port.isdecimal() and 0 < int(port) < 65536):
-        raise SettingError(f"poses are to come from {name!r}; allowed are ports from 1 to 65535")
+    if kind != "udp" or not (port.isdecimal() and 0 < int(port) < 65536):
+        raise SettingError(f"poses are to come from {name!r}; allowed is udp:PORT, with ports from 1 to 65535")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
         try:
             listening.bind(("127.0.0.1", int(port)))
         except OSError as error:
             raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
-        yield partial(_udp_poses, listening, clock, place)
+        yield partial(_received, listening, clock, place)
 
 
-def _udp_poses(
+def _received(
     listening: socket.socket, clock: Clock, place: GelPoses, stop: threading.Event
 ) -> Iterator[TimedPose | Refused]:
     """Yield poses as JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, at that of their arrival.
@@ -206,44 +190,12 @@ def _udp_poses(
     listening.settimeout(0.1)
     while not stop.is_set():
         with suppress(TimeoutError):
-            yield _pose_in_packet(listening.recv(65536), clock.now(), place)
-
-
-def _pose_in_packet(data: bytes, now: float, place: GelPoses) -> TimedPose | Refused:
-    shown = ascii(data[:60].decode("utf-8", errors="replace")) + ("..." if len(data) > 60 else "")
-    try:
-        content = json.loads(data)
-        return checked_pose(content.get("time", now), content["pose"], now, place)
-    except (ValueError, RecursionError, AttributeError, KeyError):
-        return Refused(f"{shown} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
-
-
-def _entry_point(name: str) -> EntryPoint:
-    """Return an entry point of OWN_POSES. Raises SettingError if it is not there."""
-    found = {one.name: one for one in entry_points(group=OWN_POSES)}
-    if name not in found:
-        known = f"known are {', '.join(sorted(found))}" if found else "none is installed"
-        allowed = f"udp:PORT or an entry point of {OWN_POSES}, {known}"
-        raise SettingError(f"poses are to come from {name!r}; allowed are {allowed}")
-    return found[name]
-
-
-def _own_poses(
-    entry: EntryPoint, clock: Clock, place: GelPoses, stop: threading.Event
-) -> Iterator[TimedPose | Refused]:
-    """Yield the poses of a user's function. Raises SettingError if it cannot be loaded or fails."""
-    try:
-        for item in entry.load()():
-            if stop.is_set():
-                return
-            if isinstance(item, Iterable):
-                when, *numbers = item
-                yield checked_pose(when, numbers, clock.now(), place)
-            else:
-                yield Refused(f"{item!r} is not time, x, y, theta")
-    except Exception as error:
-        fault = f"{type(error).__name__}: {error}"
-        raise SettingError(f"entry point {entry.name} of {OWN_POSES}, {entry.value}, ended with {fault}") from error
+            data, now = listening.recv(65536), clock.now()
+            try:
+                content = json.loads(data)
+                yield checked_pose(content.get("time", now), content["pose"], now, place)
+            except (ValueError, RecursionError, AttributeError, KeyError):
+                yield Refused(f"{data[:60]!a} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
 
 
 def checked_pose(time: Any, numbers: Any, now: float, place: GelPoses, frame: str = "world") -> TimedPose | Refused:

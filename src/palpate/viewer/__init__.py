@@ -1,1 +1,1 @@
-"""Views of runs and recordings: in Rerun, live or afterwards, and as one HTML page."""
+"""Views of runs and recordings: files for Rerun, and one HTML page."""

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import printable
+from palpate.errors import FileError, printable
 from palpate.files import whole_file
 from palpate.geometry.se2 import half_axes_95
 from palpate.pipeline.figures import draw_errors, draw_path, frame_above, own_style
 from palpate.pipeline.track import Run
 from palpate.pipeline.truth import flag_runs
-from palpate.viewer.scene import COLOURS, STATUS_COLOURS, jpeg, touch_images
+from palpate.types.images import encode_image
+from palpate.types.recording import Recording
+from palpate.viewer.scene import COLOURS, STATUS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -121,7 +123,7 @@ def _moving(run: Run) -> dict[str, Any]:
     """Return what changes over time, in mm and degrees, None where it is unknown; long runs are thinned."""
     online, recording = run.online, run.recording
     assert online.covariance is not None and online.contact is not None and online.status is not None
-    frames = np.arange(0, len(online), -(-len(online) // 3000))
+    frames = np.arange(0, len(online), -(-len(online) // 600))
     truth = np.full_like(online.pose, np.nan) if run.truth is None else run.truth
     axes = half_axes_95(online.covariance[frames]).swapaxes(1, 2).reshape(-1, 4)
     others = (np.reshape([one.pose for one in run.answers[frame][1:]], (-1, 3)) for frame in frames)
@@ -134,26 +136,22 @@ def _moving(run: Run) -> dict[str, Any]:
         "others": list(map(_poses, others)),
         "halfAxes": np.round(1e3 * axes, 3).tolist(),
         "status": [online.status[frame] for frame in frames],
-        "pictures": _pictures(run),
+        "touch": [_touch(recording, frame) for frame in frames.tolist()],
     }
 
 
-def _pictures(run: Run) -> list[dict[str, Any]]:
-    """Return up to 300 small touch images, with their differences from the untouched gel."""
-    recording = run.recording
-    if recording.image is None:
-        return []
-    every = -(-len(recording) // 300)
-    images = zip(recording.time - recording.time[0], touch_images(recording, run.calibration), strict=True)
-    return [
-        {
-            "time": round(float(time), 3),
-            "touch": picture_uri(jpeg(image, 160)),
-            "difference": None if difference is None else picture_uri(jpeg(difference, 160)),
-        }
-        for index, (time, (image, difference)) in enumerate(images)
-        if index % every == 0
-    ]
+def _touch(recording: Recording, frame: int) -> str | None:
+    """Return a touch image 160 pixels wide; None if there is none, or it is damaged."""
+    import cv2
+
+    try:
+        image = recording[frame].image
+    except FileError:
+        return None
+    if image is None:
+        return None
+    small = cv2.resize(image, (160, round(image.shape[0] * 160 / image.shape[1])), interpolation=cv2.INTER_AREA)
+    return picture_uri(encode_image(np.asarray(small, np.uint8)))
 
 
 def _poses(pose: Array) -> list[list[float] | None]:
