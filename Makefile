@@ -12,7 +12,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test lint bench faults docs check-numbers clean
+.PHONY: demo test ros-test lint bench docs check-numbers clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -34,14 +34,6 @@ lint: $(READY_DEV)
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
 
-# Nine recordings of nine sensor units that nothing was chosen on, each broken in every way, and nine with a second pusher;
-# about a quarter of an hour.
-faults: $(READY_DEV)
-	rm -rf faults-run
-	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 9994 --seconds 12 --ideal --workers 2
-	$(BIN)/palpate simulate faults-run/recordings --count 3 --seed 9995 --seconds 12 --ideal --workers 2 --knocks --resume
-	$(BIN)/palpate evaluate faults-run/recordings --faults --out faults-run/report --workers 2
-
 docs: $(READY_DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs docs/_build/html
 	@echo 'the pages: docs/_build/html/index.html'
@@ -51,7 +43,7 @@ check-numbers: $(READY_DEV)
 	$(BIN)/python scripts/reported_numbers.py
 
 clean:
-	rm -rf .venv .venv-ros demo-run faults-run docs/_build
+	rm -rf .venv .venv-ros demo-run docs/_build
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'

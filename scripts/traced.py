@@ -37,7 +37,7 @@ SHARED = ROOT.parent / "shared/data"
 Array = NDArray[np.float64]
 
 
-# The simulator, the bench of faults, and the bags of the tests: all that is not public, to be changed where these move.
+# The simulator, faults, and the bags of the tests: all that is not public, to be changed where these move.
 
 HAND = SensorProfile("CMU two-finger hand", radius=0.0025, tips=((0.0, 0.009), (0.0, -0.009)), rate=1.0 / 0.03)
 
@@ -62,12 +62,61 @@ def pushed_by_two_fingers(what: str, seed: Any, seconds: float = 6.0, **options:
 
 
 def faulty(recording: Recording, fault: str) -> "Given":
-    """Put a fault of the bench into a recording."""
-    from palpate.lab.study.faults import stream_of, with_fault
+    """Put a fault of sensors, or of what is known of the object, into a recording; FAULTY names them."""
+    from palpate.geometry import se2
+    from palpate.geometry.shapes import scaled
+    from palpate.pipeline.truth import flag_runs
+    from palpate.touch.background import background_of
 
-    stream = with_fault(stream_of(recording), fault, np.random.default_rng(0))
-    changed = replace(recording, shape=stream.shape)
-    return Given(changed, tuple(stream.frames()), stream.first_pose, calibration=stream.calibration)
+    rng, count, shape, calibration = np.random.default_rng(0), len(recording), recording.shape, None
+    contact, time, pose = np.asarray(recording.contact), recording.time.copy(), recording.sensor_pose.copy()
+    truth, images = np.array(recording.object_pose), [np.asarray(frame.image) for frame in recording]
+    first_pose, order = truth[0].copy(), np.arange(count)
+    first, last = max(flag_runs(contact), key=lambda run: run[1] - run[0])
+    middle = first + (last - first) // 3  # of the longest contact
+    untouched = int(np.argmax(contact))  # frames before the first touch
+
+    def during(seconds: float) -> NDArray[np.int_]:
+        return np.flatnonzero((time >= time[middle]) & (time < time[middle] + seconds))
+
+    match fault:
+        case "frames dropped, 20 %":
+            order = np.flatnonzero(np.append(True, (rng.random(count) >= 0.2)[1:]))
+        case "frames exchanged, 10 %":
+            later = np.append(False, (rng.random(count) < 0.1)[1:])
+            order = np.argsort(order + 1.5 * later, kind="stable")
+        case "stamps +1000 s for good":
+            time[middle:] += 1000.0
+        case "pose NaN for 0.2 s":
+            pose[during(0.2)] = np.nan
+        case "pose off by 20 mm 10 times":
+            later = np.flatnonzero(contact & (np.arange(count) > middle))
+            frames, angle = np.append(middle, rng.choice(later, 9, replace=False)), rng.uniform(-np.pi, np.pi, 10)
+            pose[frames, :2] += 0.02 * np.column_stack([np.cos(angle), np.sin(angle)])
+        case "image black for 5 frames":
+            for k in during(0.16).tolist():
+                images[k] = np.zeros_like(images[k])
+        case "light drifts -20 %":
+            dimmed = [np.rint(image * (1.0 - 0.2 * k / (count - 1))) for k, image in enumerate(images)]
+            images = [np.clip(image, 0, 255).astype(np.uint8) for image in dimmed]
+        case "missed contact of 10 frames":
+            images[middle : middle + 10] = [images[0]] * 10
+        case "turned by 180 degrees, calibrated":
+            calibration = Calibration(background_of(images[:untouched]))
+            images = [np.ascontiguousarray(np.rot90(image, 2)) for image in images]
+        case "outline +2 % and moved untouched 10 mm":
+            shape, angle = scaled(shape, 1.02), rng.uniform(-np.pi, np.pi)
+            aside = np.array([0.01 * np.cos(angle), 0.01 * np.sin(angle), 0.0])
+            before = truth[untouched - 1]
+            motion = se2.compose(se2.compose(before, aside), se2.inverse(before))
+            part = np.clip(np.arange(count) / (untouched - 1), 0.0, 1.0)  # the sensor follows gradually
+            part = part * part * (3.0 - 2.0 * part)
+            pose = se2.compose(se2.exp(part[:, None] * se2.log(motion)), pose)
+            truth[(untouched - 1) // 2 :] = se2.compose(motion, truth[(untouched - 1) // 2 :])
+        case _:
+            raise ValueError(f"no fault is called {fault!r}")
+    frames = [Frame(float(time[k]), pose[k], images[k], bool(contact[k]), truth[k]) for k in order.tolist()]
+    return Given(replace(recording, shape=shape), tuple(frames), first_pose, calibration=calibration)
 
 
 def through_a_bag(recording: Recording) -> Recording:

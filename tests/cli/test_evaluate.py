@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_samples import pushed, seen
+from recording_samples import pushed
 
 import palpate
 
@@ -157,20 +157,12 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate, fa
         (("recordings", "--model", "nowhere", "--tactile", "learnt"), "nowhere: no such folder"),
         (("recordings", "--dask", "nowhere", "--tactile", "none"), "no Dask scheduler answers at 'nowhere'"),
         (("recordings", "--tactile", "learnt"), "no recording can be tracked by these methods"),
-        (("recordings", "--faults", "--tactile", "none", "--resume"), "with default settings"),
-        (("recordings", "--faults"), "disc-1.mcap: has no images"),
     ],
 )
 def test_bad_input_is_one_line(fails, words, sentence):
     Path("empty").mkdir()
     assert sentence in fails("evaluate", *words, "--out", "out")
     assert not Path("out/results.json").exists()
-
-
-def test_a_recording_too_short_for_faults_is_refused(evaluate):
-    Path("short").mkdir()
-    write("short/a.mcap", replace(seen(pushed(20)), contact=np.arange(20) >= 7))
-    assert "its longest contact has 13 frames" in evaluate("short", "--out", "out", "--faults")[2]
 
 
 def test_an_interrupt_leaves_a_study_that_can_be_continued(evaluate):

@@ -19,7 +19,7 @@ from palpate.cli.options import (
     arg,
     check_torch,
 )
-from palpate.errors import FileError, SettingError
+from palpate.errors import SettingError
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,6 @@ def evaluate(
     estimator: Estimator = Estimator(),
     work: Workers = Workers(),
     resume: bool = False,
-    faults: bool = False,
     json: Json = False,
 ) -> int:
     """Track many recordings by many methods; write tables, figures and a report page.
@@ -49,20 +48,12 @@ def evaluate(
     Args:
         out: Folder of the report.
         resume: Continue a study: keep the trials that exist.
-        faults: Track by learnt touch with one fault of sensors or prior knowledge after the other.
     """
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.study.report import write_report
     from palpate.lab.study.results import results_of, write_results
     from palpate.lab.study.study import StudySettings, run_study
 
-    if faults:
-        allowed = Methods(methods.model), Estimator(), Workers(work.workers)
-        if (methods, estimator, work) != allowed or resume:
-            raise SettingError(
-                "--faults tracks by learnt touch with default settings, with --model and --workers alone"
-            )
-        return _evaluate_faults(folder, out, methods.model, work.workers, json)
     ways = tuple(dict.fromkeys(methods.tactile))
     settings = StudySettings(ways, estimator.settings("none"), *methods.load(*methods.tactile))
     files = find_recordings(folder, leave_out=out)
@@ -145,26 +136,3 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed"))
     page = out / ("report.html" if methods else "results.json")
     print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {page}")
-
-
-def _evaluate_faults(folder: Path, out: Path, model: Path | None, workers: int, json: bool) -> int:
-    """Track a folder's recordings with each fault, and write `faults.csv` and `fault_runs.csv`."""
-    from palpate.files import held_folder
-    from palpate.lab.study.fault_bench import rows_of, run_faults, write_table
-    from palpate.lab.study.recordings import find_recordings
-    from palpate.touch.touch_model import TouchModel
-
-    files, touch_model = find_recordings(folder, leave_out=out), TouchModel(model) if model else None
-    table = out / "faults.csv"
-    with held_folder(out):
-        if table.exists():
-            raise FileError(f"{table}: already exists; name another folder")
-        with progress_bar("tracking", len(files)) as progress:
-            runs = run_faults(files, model=touch_model, workers=workers, progress=progress)
-        if not runs:
-            raise SettingError(f"{folder}: in all recordings the object is shoved, and never while touched")
-        write_table(out, runs)
-    rows = rows_of(runs)
-    plain = [{key: None if value != value else value for key, value in row.items()} for row in rows]
-    report(json, "one fault at a time", {"report": str(table), "faults": plain})
-    return 3 if any(row["exceptions"] for row in rows) else 0
