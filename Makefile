@@ -3,10 +3,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
-# The report of a study is tested in a browser. Where it cannot be had (no Debian, no root), the test skips and says so.
+# The page of a run is tested in a browser. Where it cannot be had (no Debian, no root), the test skips and says so.
 BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 	DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends chromium chromium-driver) \
-	>/dev/null 2>&1 || echo 'no Chromium: the report is not tested in a browser'
+	>/dev/null 2>&1 || echo 'no Chromium: the page of a run is not tested in a browser'
 # Stamps: palpate with its simulation, which the demo needs, and the tools of development on top.
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev

@@ -41,7 +41,7 @@ def evaluate(
     resume: bool = False,
     json: Json = False,
 ) -> int:
-    """Track many recordings by many methods; write tables, figures and a report page.
+    """Track many recordings by many methods; write tables and figures.
 
     Example: palpate evaluate recordings --out report --workers 2
 
@@ -49,8 +49,8 @@ def evaluate(
         out: Folder of the report.
         resume: Continue a study: keep the trials that exist.
     """
+    from palpate.lab.study.figures import write_figures
     from palpate.lab.study.recordings import find_recordings
-    from palpate.lab.study.report import write_report
     from palpate.lab.study.results import results_of, write_results
     from palpate.lab.study.study import StudySettings, run_study
 
@@ -69,7 +69,7 @@ def evaluate(
     write_results(out, results, study.trials)
     if study.trials:
         with progress_bar("drawing figures"):
-            write_report(out, results, study.trials)
+            write_figures(out / "figures", study.trials)
     if json:
         print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}})
     else:
@@ -107,7 +107,7 @@ def paper(
 
 
 def _show(out: Path, results: Mapping[str, Any]) -> None:
-    """Print the table of a study and the path of its report."""
+    """Print the table of a study and the path of its results."""
     from palpate.lab.study.results import ALL
 
     methods = results["table"].get(ALL, {})
@@ -134,5 +134,4 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     for reason, number in Counter(each["reason"] for each in results["skipped"]).items():
         print_line(f"skipped: {number} x {reason}")
     counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed"))
-    page = out / ("report.html" if methods else "results.json")
-    print_line(f"{counts}, {results['study']['wall_s']:.0f} s   report: {page}")
+    print_line(f"{counts}, {results['study']['wall_s']:.0f} s   results: {out / 'results.json'}")

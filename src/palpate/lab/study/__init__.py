@@ -1,1 +1,1 @@
-"""Studies: the recordings of a folder tracked in several ways; tables, figures and a report page."""
+"""Studies: the recordings of a folder tracked in several ways; tables and figures."""

@@ -1,8 +1,6 @@
-"""The report page of a study: tables and figures, in one style, in one file that needs no other."""
+"""The figures of a study."""
 
-import io
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +10,9 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.files import whole_file
 from palpate.lab.study.results import ALL, FINALS
-from palpate.lab.study.study import Trial, flat
+from palpate.lab.study.study import Trial
 from palpate.pipeline.figures import own_style
 from palpate.pipeline.metrics import inside_95, rotation_errors, translation_errors
-from palpate.viewer.page import picture_uri, rendered_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,52 +39,30 @@ OVER_TIME: dict[str, Callable[[Trial], Array]] = {
 """Quantities (N,) over time by their labels; on logarithmic axes small errors are drawn at 0.1 mm and 0.05 deg."""
 
 
-@dataclass(frozen=True)
-class StudyFigure:
-    """A figure and its words."""
-
-    name: str
-    """Of its file, without the ending."""
-    title: str
-    caption: str
-    png: bytes
-
-
-def write_report(folder: Path, results: dict[str, Any], trials: Sequence[Trial]) -> None:
-    """Write figures/*.png and report.html to a folder; `results` is the content of `results.json`."""
-    figures = study_figures(trials)
+def write_figures(folder: Path, trials: Sequence[Trial]) -> None:
+    """Write figures of those trials that have ground truth, as PNG, to a folder; none where no trial has it."""
+    scored = [trial for trial in trials if trial.summary["scored_frames"]]
+    if not scored:
+        return
     try:
-        (folder / "figures").mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(f"{error.filename}: cannot be written ({error.strerror})") from error
-    for figure in figures:
-        with whole_file(folder / "figures" / f"{figure.name}.png", overwrite=True) as part:
-            part.write_bytes(figure.png)
-    methods = _methods_of(trials)
-    groups = [group for group in results["table"] if group != ALL]
-    by_group = {group: [trial.facts for trial in trials if trial.group == group] for group in groups}
-    page = rendered_page(
-        Path(__file__).with_name("report.html.j2"),
-        **{**results, "settings": flat(results["settings"])},
-        all=ALL,
-        groups=[ALL, *groups] if len(groups) > 1 else groups,
-        methods=methods,
-        main=_main_method(methods) if methods else None,
-        figures=[(figure, picture_uri(figure.png)) for figure in figures],
-        origins={group: facts[0]["source"] for group, facts in by_group.items()},
-    )
-    with whole_file(folder / "report.html", overwrite=True) as part:
-        part.write_text(page, encoding="utf-8")
-
-
-def study_figures(trials: Sequence[Trial]) -> list[StudyFigure]:
-    """Return the figures of those trials that have ground truth."""
-    scored = [trial for trial in trials if trial.summary["scored_frames"]]
     with own_style(**STYLE):
-        return [_over_time(scored), _final_errors(scored)] if scored else []
+        for name, figure in (("over-time", errors_over_time(scored)), ("final-errors", final_errors(scored))):
+            handles, labels = figure.axes[0].get_legend_handles_labels()
+            if handles:
+                figure.legend(handles, labels, loc="outside upper left", ncols=4, frameon=False)
+            with whole_file(folder / f"{name}.png", overwrite=True) as part:
+                figure.savefig(part, format="png")
 
 
-def _over_time(trials: Sequence[Trial]) -> StudyFigure:
+def errors_over_time(trials: Sequence[Trial]) -> "Figure":
+    """Draw errors, coverage and the time of a step over time; the paper's figures 6 and 8.
+
+    Lines are medians over the sequences of a group and, of coverage, their share; shaded is from the first to the third
+    quartile. They begin at the first contact and end where fewer than half of the sequences go on.
+    """
     figure, panels = _grid(trials, len(OVER_TIME), sharey="row")
     for _, some, axes in panels:
         for axis, (label, quantity) in zip(axes, OVER_TIME.items(), strict=True):
@@ -106,18 +81,11 @@ def _over_time(trials: Sequence[Trial]) -> StudyFigure:
                 axis.set(ylim=(-3.0, 103.0))
             else:
                 _make_logarithmic(axis, "y")
-    return _finished(
-        figure,
-        "over-time",
-        "Errors, coverage and time of a step",
-        "Error of the online estimate from the first contact on: median over the sequences of a group, shaded from the "
-        "first to the third quartile (the paper's Fig. 6). Below, the share of sequences whose true pose lies in the "
-        "region that should hold it with 95 % probability, and the time of `Tracker.update` while the study ran on all "
-        "its workers (Fig. 8). Lines end where fewer than half of the sequences go on.",
-    )
+    return figure
 
 
-def _final_errors(trials: Sequence[Trial]) -> StudyFigure:
+def final_errors(trials: Sequence[Trial]) -> "Figure":
+    """Draw errors at the last frame with ground truth as boxes, with whiskers to 5 and 95 %; the paper's figure 7."""
     figure, panels = _grid(trials, 2, sharex="row", sharey="row")
     for _, some, axes in panels:
         for axis, (name, least) in zip(axes, (("final_mm", 0.1), ("final_deg", 0.05)), strict=True):
@@ -136,13 +104,7 @@ def _final_errors(trials: Sequence[Trial]) -> StudyFigure:
             axis.set_yticks(range(1, len(by_method) + 1), list(by_method))
             axis.set(xlabel=f"final error [{name.removeprefix('final_')}]", ylim=(len(by_method) + 0.5, 0.5))
             _make_logarithmic(axis, "x")
-    return _finished(
-        figure,
-        "final-errors",
-        "Final errors",
-        "Error at the last frame with ground truth. The line in a box is the median, the box holds the middle half of "
-        "the sequences, the whiskers 5 to 95 % of them, and dots are the others. The paper's Fig. 7.",
-    )
+    return figure
 
 
 def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", Panels]:
@@ -161,29 +123,8 @@ def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", P
     return figure, panels
 
 
-def _finished(figure: "Figure", name: str, title: str, caption: str) -> StudyFigure:
-    """Return a figure as PNG, with a legend of the lines drawn in its first panel."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside upper left", ncols=4, frameon=False)
-    with io.BytesIO() as file:
-        FigureCanvasAgg(figure).print_png(file)
-        return StudyFigure(name, title, caption, file.getvalue())
-
-
-def _methods_of(trials: Sequence[Trial]) -> list[str]:
-    return list(dict.fromkeys(trial.method for trial in trials))
-
-
-def _main_method(methods: Sequence[str]) -> str:
-    """Return the method to show where there is room for one: `learnt`, else the last one."""
-    return "learnt" if "learnt" in methods else methods[-1]
-
-
 def _by_method(trials: Sequence[Trial]) -> Iterator[tuple[str, list[Trial]]]:
-    for method in _methods_of(trials):
+    for method in dict.fromkeys(trial.method for trial in trials):
         yield method, [trial for trial in trials if trial.method == method]
 
 
