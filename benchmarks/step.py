@@ -8,7 +8,7 @@
 - graph: a direction and a turn a frame in place of images, one hypothesis, one contact.
 - gtsam-native: the reference, a window with as many factors, all in C++, see `gtsam_window`.
 
-Milliseconds are of the wall clock; a quiet machine should reach TARGETS. `ratio_to_reference` is a case's median over
+Milliseconds are of the wall clock. `ratio_to_reference` is a case's median over
 the reference's, both of processor time, which does not depend on other work on the machine. The gate is on it alone.
 """
 
@@ -42,12 +42,6 @@ REFERENCE, SHAPE = "gtsam-native", Rectangle(0.2363, 0.1579)
 MODEL = contact_model(SHAPE, DIGIT)
 FRAMES, WARM = 450, 60
 SLACK = 1.5  # by which a ratio may exceed the committed one: two shared cores are noisy even in ratios
-TARGETS = {
-    "one-answer": {"median_ms": 1.2, "p99_ms": 3.0},
-    "eight-answers": {"median_ms": 2.5, "p99_ms": 6.0},
-    "graph": {"median_ms": 0.3},
-    "rest": {"median_ms": 0.4},
-}
 
 
 @dataclass(frozen=True)
@@ -146,16 +140,6 @@ def failures(rows: Iterable[Row], baseline: Iterable[Row]) -> list[str]:
     ]
 
 
-def missed(rows: Iterable[Row]) -> list[str]:
-    """Return sentences on the targets that were not reached."""
-    return [
-        f"{one['name']}: {figure} is {one[figure]}, the target is {target}"
-        for one in rows
-        for figure, target in TARGETS.get(str(one["name"]), {}).items()
-        if float(one[figure]) > target
-    ]
-
-
 def main() -> int:
     """Measure, print and judge."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
@@ -172,13 +156,11 @@ def main() -> int:
     if arguments.update_baseline:
         BASELINE.write_text(json.dumps({"cases": rows}, indent=2) + "\n")
     if arguments.json:
-        print(json.dumps({"cases": rows, "missed_targets": missed(rows)}))
+        print(json.dumps({"cases": rows}))
     else:
         print("".join(f"{key:>20}" for key in rows[0]))
         for one in rows:
             print("".join(f"{value!s:>20}" for value in one.values()))
-        for sentence in missed(rows):
-            print(f"not on target: {sentence}")
     for sentence in worse:
         print(sentence, file=sys.stderr)
     return 1 if worse else 0

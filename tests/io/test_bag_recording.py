@@ -29,7 +29,6 @@ from planar import compose, wrap
 from scipy.spatial.transform import Rotation
 
 from palpate import DIGIT, POINT, BagChoices, Disc, FileError, SettingError, gel_pose, read_bag, read_poses
-from palpate.types.images import codec_of
 
 SHAPE = Disc(0.05)
 
@@ -62,7 +61,7 @@ def test_a_bag_that_another_program_wrote(tmp_path, container, compressed):
     assert recording.time.tolist() == (image_times() / 1e9).tolist()
     same_poses(recording.sensor_pose, true_pose(image_times()))
     assert (plane.frame, str(plane)) == ("world", "plane 0.0 degrees off its xy plane at 100.0 mm")
-    assert {codec_of(image) for image in recording.image or ()} == {"jpeg" if compressed else "png"}
+    assert {image.startswith(b"\xff\xd8") for image in recording.image or ()} == {compressed}
     for frame, pixels in zip(recording, touch_images(), strict=True):
         assert frame.image is not None
         off = np.abs(frame.image.astype(int) - pixels)

@@ -21,7 +21,6 @@ from palpate import (
     SettingError,
     Tracker,
 )
-from palpate.types.images import codec_of
 
 IMAGE_TIME = 0.02 + np.arange(20) / 30
 POSE_TIME = np.arange(50) / 50
@@ -152,7 +151,7 @@ def test_images_come_in_any_form(tmp_path):
     for images in (pixels, list(pixels), data, files, list(map(str, files))):
         found = [frame.image for frame in made(images=images)]
         assert np.array_equal(found, pixels)
-    assert codec_of(made(images=pixels, codec="jpeg").image[0]) == "jpeg"
+    assert made(images=pixels, codec="jpeg").image[0].startswith(b"\xff\xd8")
     big = np.repeat(np.repeat(pixels, 3, axis=1), 3, axis=2)
     for images in (big, [encoded(image) for image in big], np.rot90(big, -1, (1, 2))):
         found = made(images=images, orientation="" if images is big or isinstance(images, list) else "90")

@@ -77,15 +77,6 @@ def test_kinds_of_other_shapes(shape, kind):
     np.testing.assert_array_equal(touched([-0.04, 0.0, 0.0], shape).kind, KINDS.index(kind))
 
 
-def test_corners_where_the_outline_turns():
-    # Half of a ring of 16 sides, flat on the right: sharp where the flat side begins and ends.
-    half = Polygon(np.array(ring(16).vertices)[4:13])
-    np.testing.assert_array_equal(touched([-0.04, 0.0, 0.0], half).kind, KINDS.index("edge"))
-    for end in (0.04, -0.04):
-        above = [0.0, end, -np.copysign(np.pi / 2, end)]
-        np.testing.assert_array_equal(touched(above, half).kind, KINDS.index("corner"))
-
-
 def test_frames_and_contacts():
     contact = np.zeros(42, bool)
     # Of 10 frames 6 are left without the first and last two; of 8 only 4, too few; of 9 to the very end 5.
@@ -125,17 +116,6 @@ def test_differences_are_from_the_frames_without_contact():
     assert seen.max() == pytest.approx(60 / 32, rel=0.1)
     assert abs(column - 0.7 * 128) <= 2 and abs(row - 16) <= 1
     assert abs(np.median(seen)) < 0.03
-
-
-def test_a_background_takes_few_of_many_frames(monkeypatch):
-    looked: list[int] = []
-    given = recording(on_left_side(np.zeros(120), 0.0), np.arange(120) >= 100)
-    frame = type(given).__getitem__
-    monkeypatch.setattr(type(given), "__getitem__", lambda self, index: (looked.append(index), frame(self, index))[1])
-    samples_of(given)
-    assert looked[:UNTOUCHED] == sorted(set(looked[:UNTOUCHED]))
-    assert (looked[0], looked[UNTOUCHED - 1]) == (0, 99)  # from the first untouched to the last
-    assert looked[UNTOUCHED:] == list(range(102, 118))
 
 
 # --- what cannot be learned from ---
@@ -197,17 +177,6 @@ def test_recordings_that_cannot_be_learned_from_together(tmp_path):
         read_samples(files)
     with pytest.raises(FileError, match=r"no recording can be learned from; the first: .*c.mcap: has no image"):
         read_samples(files[2:])
-
-
-def test_pushes_are_what_they_are_meant_to_be():
-    # The makers of recordings for the end-to-end test: what is bright tells the direction.
-    for shape, kinds in ((DISC, {"disc"}), (RECTANGLE, {"edge", "near-corner", "corner"})):
-        found = samples_of(pushes(shape, 3))
-        assert {KINDS[kind] for kind in found.kind} <= kinds
-        assert len(found) == 3 * 60 and np.abs(found.direction).max() < 0.52
-        weight = np.clip(found.difference.astype(np.float64).mean(axis=(1, 3)) - 0.1, 0.0, None)
-        column = (weight @ (np.arange(COLUMNS) + 0.5)) / weight.sum(axis=1) / COLUMNS
-        np.testing.assert_allclose(2.0 * column - 1.0, 0.8 * found.direction / 0.6, atol=0.03)
 
 
 # --- a unit that is known ---
