@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from training_samples import DISC, RECTANGLE, on_disc, on_left_side, pushes, recording
+from training_samples import DISC, RECTANGLE, on_disc, on_left_side, recording
 
 from palpate import DIGIT, Background, Calibration, Ellipse, FileError, Polygon, Shape, write_recording
 from palpate.geometry import se2
-from palpate.lab.train.samples import SHOWN, UNTOUCHED, read_samples, samples_of
+from palpate.lab.train.samples import SHOWN, read_samples, samples_of
 from palpate.touch.calibration import CameraView, DirectionCorrection
 from palpate.touch.touch_model import COLUMNS, KINDS, ROWS
 from palpate.types.images import encode_image
