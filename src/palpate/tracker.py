@@ -58,18 +58,20 @@ class Tracker:
         calibration: Calibration | None = None,
         touch: Touch | None = None,
         first_pose_sigma: ArrayLike | None = None,
+        set_up_sigma: ArrayLike | None = None,
     ) -> None:
         """Take the object's outline, the sensor or its name, and world_T_object (3,) [m, m, rad] at the first frame.
 
         A first pose of None is anywhere within a metre of the world's origin, at any yaw. `first_pose_sigma` are
         standard deviations (3,) [m, m, rad] along the object's axes, or a covariance (3, 3) as an `Estimate` has it; by
-        default `noise.first_pose`. Without a `calibration` of this sensor unit, the first half second of images is
-        taken as untouched. `touch` is an object of your own that measures in place of the touch model.
+        default `noise.first_pose`. `set_up_sigma` are those of the constant offset between sensor, world and outline,
+        by default `noise.sensor_pose.calibration`. Without a `calibration` of this sensor unit, the first half second
+        of images is taken as untouched. `touch` is an object of your own that measures in place of the touch model.
 
         The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
-        settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
+        settings, sensor = with_set_up(settings or TrackerSettings(), set_up_sigma), known_sensor(sensor)
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up()
         self._sensor, self._settings = sensor, settings
@@ -285,6 +287,14 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
     if deviation[2] > np.pi:
         logger.warning("first pose sigma has theta %.4g rad, any yaw at all: are these degrees?", deviation[2])
     return first, covariance
+
+
+def with_set_up(settings: TrackerSettings, sigma: ArrayLike | None) -> TrackerSettings:
+    """Return the settings with the accuracy of this set-up (3,) [m, m, rad], where it is known."""
+    if sigma is None:
+        return settings
+    pose = replace(settings.noise.sensor_pose, calibration=sigma)  # pyright: ignore[reportArgumentType]  checked there
+    return replace(settings, noise=replace(settings.noise, sensor_pose=pose))
 
 
 def with_correction(noise: NoiseSettings, correction: DirectionCorrection) -> NoiseSettings:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import palpate
 from palpate import Disc, Ellipse, FileError, Polygon, Recording, Rectangle
 
-ARRAYS = ("time", "sensor_pose", "object_pose", "first_pose", "first_pose_sigma", "contact", "episode")
+ARRAYS = ("time", "sensor_pose", "object_pose", "first_pose", "first_pose_sigma", "set_up_sigma", "contact", "episode")
 
 
 def images(n: int, codec: str = "png") -> tuple[bytes, ...]:
@@ -39,6 +39,7 @@ def recording(n: int = 12, **changes: Any) -> Recording:
         "frames": {"sensor_pose": "made up"},
         "first_pose": [0.1, -0.2, 3.0],
         "first_pose_sigma": [0.01, 0.02, 0.3],
+        "set_up_sigma": [0.0, 0.001, 0.02],
         "extra": {"force": np.append(np.nan, rng.normal(size=2 * n - 1)).reshape(n, 2), "on": np.arange(n) == 4},
     }
     return Recording(**(fields | changes))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from push_samples import SHAPES, frames, pushed, sensor
+from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
 from palpate import Disc, EstimationError, Frame, Polygon, Rectangle, SettingError, ShapeError, Tracker, TrackerSettings
@@ -129,3 +129,18 @@ def test_a_tracker_that_is_reset_is_as_a_new_one(smoother):
         used.reset("here")
     with pytest.raises(SettingError, match="first pose sigma is"):
         used.reset(o[0], (0.0, 0.0, 0.0))
+
+
+def test_accuracy_of_the_set_up_is_part_of_the_covariance_and_of_nothing_else():
+    o, e, contact = in_two_contacts("rectangle", 20)
+    found = []
+    for sigma in (np.zeros(3), [2e-3, 3e-3, 0.02]):
+        tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none"), set_up_sigma=sigma)
+        found.append([tracker.update(frame) for frame in frames(o, e, contact)])
+    for exact, usual in zip(*found, strict=True):
+        assert exact.pose.tolist() == usual.pose.tolist()
+        assert usual.covariance - exact.covariance == pytest.approx(np.diag(np.square([2e-3, 3e-3, 0.02])), abs=1e-12)
+    with pytest.raises(
+        SettingError, match=r"sensor_pose.calibration is .*-1.*; it must be 3 finite numbers at least 0"
+    ):
+        Tracker(SHAPES["rectangle"], sensor(), o[0], set_up_sigma=(-1.0, 0.0, 0.0))

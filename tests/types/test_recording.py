@@ -60,6 +60,7 @@ def test_colours_keep_their_order():
         ({"first_pose": np.zeros((5, 3))}, r"first_pose: found shape \(5, 3\), expected \(3,\)"),
         ({"first_pose": [0.0, np.nan, 0.0]}, r"first_pose: frame 0 is \[0.0, nan, 0.0\], allowed is three numbers"),
         ({"first_pose_sigma": [0.1, 0.0, 0.1]}, r"first_pose_sigma: found \[0.1, 0.0, 0.1\], allowed is above 0"),
+        ({"set_up_sigma": [0.0, -1e-3, 0.0]}, r"set_up_sigma: found \[0.0, -0.001, 0.0\], allowed is 0 or more"),
         ({"first_pose": None}, "first_pose_sigma: .* with a first_pose"),
         ({"extra": {"pose": np.ones((4, 3))}}, r"extra/pose: found shape \(4, 3\), expected \(5, 3\)"),
         ({"extra": {"words": np.array(list("abcde"))}}, "extra/words: found text, expected numbers or booleans"),

@@ -57,12 +57,12 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     known = ~np.isnan(truth[:, 0])
     placed, object_turn = out_of_plane(plane, np.nan_to_num(truth))
     stated = () if recording.first_pose_derived else ("first_pose", "first_pose_sigma")
-    first = {name: getattr(recording, name) for name in stated}
+    poses = {name: getattr(recording, name) for name in (*stated, "set_up_sigma")}
     about = {
         "source": recording.source,
         "contact_derived": json.dumps(recording.contact_derived),
         "frames": json.dumps(recording.frames),
-        **{name: json.dumps(value.tolist()) for name, value in first.items() if value is not None},
+        **{name: json.dumps(value.tolist()) for name, value in poses.items() if value is not None},
     }
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
@@ -138,15 +138,16 @@ def _from_arrays(
         if name not in arrays:
             raise FileError(f"array {name} is missing, or the file is cut off before it")
     try:
-        first = {name: json.loads(about[name]) for name in ("first_pose", "first_pose_sigma") if name in about}
+        names = ("first_pose", "first_pose_sigma", "set_up_sigma")
+        poses = {name: json.loads(about[name]) for name in names if name in about}
     except ValueError as error:
-        raise FileError(f"metadata first_pose: is not valid JSON ({error})") from error
+        raise FileError(f"metadata of poses: is not valid JSON ({error})") from error
     images, count = _frames(path, len(arrays["time"]))
     if 0 < len(images) < count:
         raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
     return Recording(
         **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
-        **first,
+        **poses,
         shape=shape,
         sensor=sensor,
         image=images[:count] or None,

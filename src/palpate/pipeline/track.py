@@ -84,7 +84,8 @@ def track(
     release = None if calibration else release_after_start(recording, first, sigma, settings.tactile)
     calibration = release.calibration if release else calibration
     sensor = turned_as(recording.sensor, calibration)
-    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, first_pose_sigma=sigma)
+    start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
+    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
     estimates: list[Estimate] = []
     used, step_ms = np.zeros(len(recording), np.bool_), np.zeros(len(recording))
     with kept_warnings() as warnings:

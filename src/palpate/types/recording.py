@@ -69,6 +69,9 @@ class Recording:
     where neither is known"""
     first_pose_sigma: Array | None = None
     """its standard deviations (3,) [m, m, rad] in the object's frame"""
+    set_up_sigma: Array | None = None
+    """standard deviations of the constant offset between sensor, world and outline (3,) [m, m, rad], zeros if they are
+    exact; None is that of a usual set-up, `noise.sensor_pose.calibration`"""
     file: Path | None = None
     """the file it was read from; errors name it"""
     _derived: tuple[Array, Array] | None = field(default=None, repr=False)
@@ -90,7 +93,7 @@ class Recording:
         settle("sensor_pose", checked_poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
             settle("object_pose", checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
-        for name in ("first_pose", "first_pose_sigma"):
+        for name in ("first_pose", "first_pose_sigma", "set_up_sigma"):
             if (given := getattr(self, name)) is not None:
                 numbers = checked_array(name, given, NUMBERS, (3,)).astype(np.float64)
                 check_rows(
@@ -99,6 +102,8 @@ class Recording:
                 settle(name, numbers)
         if (sigma := self.first_pose_sigma) is not None and (self.first_pose is None or not (sigma > 0.0).all()):
             raise FileError(f"first_pose_sigma: found {sigma.tolist()}, allowed is above 0, with a first_pose")
+        if self.set_up_sigma is not None and (self.set_up_sigma < 0.0).any():
+            raise FileError(f"set_up_sigma: found {self.set_up_sigma.tolist()}, allowed is 0 or more")
         settle("_derived", None)
         if self.first_pose is None and self.object_pose is not None and (known := self.trusted_truth).any():
             settle("first_pose", self.object_pose[np.argmax(known)].copy())

@@ -133,6 +133,7 @@ class Simulation:
                 "object_pose_clean": motion.object_pose,
                 **({"knocked": motion.knocked.astype(np.float64)} if self.knocks else {}),
             },
+            set_up_sigma=None if errors else np.zeros(3),
         )
         return with_errors(exact, errors) if errors else exact
 

@@ -120,7 +120,8 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
     touch = None if recorded.measurements is None else _Replayed(recording.time, recorded.measurements)
     tactile, noise = recorded.tactile or settings.tactile, with_correction(settings.noise, recorded.correction)
     settings = replace(settings, tactile=tactile, noise=noise)
-    tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, first_pose_sigma=sigma)
+    start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
+    tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, **start)
     return gathered([estimate for estimate, *_ in tracked_frames(tracker, recording)])[0]
 
 
