@@ -108,18 +108,6 @@ def test_resume_keeps_whole_files_of_the_same_options_and_makes_the_rest(simulat
         assert refused.code == 2 and "was made with other options" in refused.err
 
 
-def test_a_damaged_image_is_made_again(simulate):
-    words = ("out", "--shape", "disc", "--count", "1", "--seconds", "3")
-    assert simulate(*words).code == 0
-    path = Path("out") / RECORDING
-    whole, recording = path.read_bytes(), palpate.load_recording(path)
-    assert recording.image is not None
-    place = whole.index(recording.image[40]) + len(recording.image[40]) // 2
-    path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-    assert json.loads(simulate(*words, "--resume", "--json").out)["made"] == [RECORDING]
-    assert path.read_bytes() == whole
-
-
 def test_an_outline_that_cannot_be_pushed_does_not_stop_the_rest(simulate):
     # A gel cannot reach into a star whose points leave no room, and no edge of it is free.
     angle = np.arange(40) * (np.pi / 20)

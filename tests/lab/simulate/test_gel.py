@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate import DIGIT, GELSIGHT_MINI, Disc, Ellipse, Polygon, Rectangle
-from palpate.lab.simulate.gel import Side, ball_overlap, gel_height, prism_overlap, render, shading, touch_image
+from palpate.lab.simulate.gel import Side, ball_overlap, prism_overlap, render, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 
 SQUARE, SIDE = Rectangle(0.09, 0.09), Side()
@@ -130,17 +130,6 @@ def test_a_ball_shows_at_its_place(depth: float) -> None:
     assert max(off) < 3e-4
 
 
-def test_shear_moves_the_skirt_and_not_the_contact() -> None:
-    unit = SHADELESS[1]
-    overlap = edge_overlap(unit, 0.0, 5e-4)
-    rest, pushed, pulled = (gel_height(unit, overlap, force) for force in (0.0, 1.0, -1.0))
-    deep = overlap > 4.85e-4
-    np.testing.assert_allclose(pushed[deep], rest[deep], atol=4e-6)
-    # A force along +y raises the gel ahead of the contact.
-    ahead = (overlap == 0.0) & (unit.place[0] > 0.0) & (rest > 2e-5)
-    assert (pushed - rest)[ahead].mean() > 1e-6 and (pulled - rest)[ahead].mean() < -1e-6
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_the_shown_angle_is_that_of_the_contacts_column_on_a_nominal_sensor(seed: int) -> None:
     unit = replace(draw_unit(DIGIT, seed), roll=math.radians(3.0 * (seed - 1)))
@@ -151,20 +140,6 @@ def test_the_shown_angle_is_that_of_the_contacts_column_on_a_nominal_sensor(seed
         assert unit.shown_angle(pad_angle) == pytest.approx(shown, abs=0.6 * 18.4e-3 / 240 / 21e-3)
     assert abs(unit.shown_angle(math.radians(95.0))) <= 0.5 * math.pi  # out of sight
     assert draw_unit(GELSIGHT_MINI, seed).shown_angle(0.3) == 0.3
-
-
-def test_a_bump_is_bright_towards_the_light_and_dark_in_its_shadow() -> None:
-    # One light, from the right: seen from inside, a bump's right flank is bright and its left one dark.
-    right = np.array([math.cos(0.2), 0.0, math.sin(0.2)])
-    even = np.ones_like(UNITS[0].illumination)
-    unit = replace(UNITS[0], light=np.tile(right, (3, 1)), roll=0.0, fold=0.0, illumination=even, halo=0.3)
-    bump = ball_overlap(unit, 0.004, (0.0, 0.0), 8e-4)
-    column, row = np.abs(unit.place[0, 0]).argmin(), np.abs(unit.place[1, :, 0]).argmin()
-    lit, shadeless = (shading(replace(unit, shadow=shadow), gel_height(unit, bump))[row, :, 0] for shadow in (1.0, 0.0))
-    flank, beyond = round(1.5e-3 / unit.pitch), round(3e-3 / unit.pitch)
-    assert lit[column + flank] > 20.0 > -20.0 > lit[column - flank]
-    assert lit[column - beyond] < shadeless[column - beyond] - 5.0
-    np.testing.assert_allclose(lit[column + beyond :], shadeless[column + beyond :], atol=1.0)
 
 
 def test_glow_and_bright_flank_are_on_opposite_sides_as_on_a_real_digit(shared_data) -> None:

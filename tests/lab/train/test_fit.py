@@ -11,7 +11,7 @@ from torch import nn
 
 from palpate import EstimationError, FileError
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
-from palpate.lab.train.networks import TouchNetwork, gaussian, imprint, keypoint
+from palpate.lab.train.networks import gaussian, imprint, keypoint
 
 
 def drawn(*size: int, seed: int = 0) -> torch.Tensor:
@@ -61,12 +61,6 @@ def test_imprint_drops_faint_surroundings():
 def test_predicted_deviations_stay_within_limits():
     found = gaussian(torch.tensor([[0.3, -1e9], [7.0, 1e9], [-2.0, 0.0]]))
     assert (0.5 * found[:, 1]).tolist() == pytest.approx([-6.0, 1.0, -2.5])
-
-
-@pytest.mark.parametrize("outputs", [("direction", "turn"), ("direction", "turn", "place"), ("direction",)])
-def test_a_network_has_its_outputs(outputs):
-    found = TouchNetwork(outputs).eval()(torch.randn(2, 3, 32, 128))
-    assert [each.shape for each in found] == [(2, 2)] * len(outputs)
 
 
 def points(rng: np.random.Generator) -> torch.Tensor:

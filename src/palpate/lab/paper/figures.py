@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.pipeline.figures import own_style
+from palpate.pipeline.metrics import rotation_errors, translation_errors
 
 Array = NDArray[np.float64]
 Tracks = Mapping[str, Mapping[str, Any]]
@@ -39,8 +40,8 @@ def draw(out: Path, tracks: Tracks) -> None:
 
 def errors(track: Mapping[str, Any], mode: str) -> tuple[Array, Array]:
     """Return errors of translation (N,) [mm] and rotation (N,) [degrees] of a tracked sequence."""
-    off = se2.between(track["truth"], track[f"{mode}_pose"])
-    return 1e3 * np.hypot(off[:, 0], off[:, 1]), np.degrees(np.abs(se2.wrap(off[:, 2])))
+    pose, truth = track[f"{mode}_pose"], track["truth"]
+    return 1e3 * translation_errors(pose, truth), np.degrees(np.abs(rotation_errors(pose, truth)))
 
 
 def keypoints(tracks: list[Mapping[str, Any]]) -> Figure:

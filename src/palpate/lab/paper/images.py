@@ -3,15 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.io import load_recording
-from palpate.lab.train.samples import geometry_of
-from palpate.touch.background import Background, background_of
+from palpate.lab.train.samples import gel_at_rest, geometry_of
+from palpate.touch.background import Background
 from palpate.touch.cells import Image, check_image
 from palpate.touch.touch_model import KINDS, difference, reduced
 from palpate.types.recording import Recording
@@ -42,9 +40,8 @@ class Images:
     """Number of the frame in its recording, (N,)."""
 
 
-def read_images(recording: Recording | Path) -> Images:
+def read_images(recording: Recording) -> Images:
     """Return the images of all contact episodes of a recording."""
-    recording = load_recording(recording) if isinstance(recording, Path) else recording
     assert recording.object_pose is not None and recording.contact is not None and recording.episode is not None
 
     def image(index: int) -> Image:
@@ -53,9 +50,7 @@ def read_images(recording: Recording | Path) -> Images:
         return found
 
     frame = np.flatnonzero(recording.episode >= 0)
-    untouched = np.flatnonzero(~recording.contact)
-    chosen = untouched[np.linspace(0, len(untouched) - 1, min(30, len(untouched))).astype(int)]
-    background = background_of([image(index) for index in chosen.tolist()])
+    background, _ = gel_at_rest(recording, image)
     mean = reduced(background.mean)
     relative = se2.between(recording.object_pose, recording.sensor_pose)[frame]
     _, _, kind = geometry_of(recording, relative)

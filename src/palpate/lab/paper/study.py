@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from palpate.config import TrackerSettings
 from palpate.errors import FileError
 from palpate.files import read_json, whole_file
-from palpate.geometry import se2
 from palpate.geometry.shapes import Disc
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
@@ -28,6 +27,7 @@ from palpate.lab.paper.transform_network import Pairs, expanded, fit_all, fit_li
 from palpate.lab.parallel import spread
 from palpate.lab.simulate.recordings import plan, simulate_folder
 from palpate.lab.train.fit import FitSettings
+from palpate.pipeline.metrics import inside_95, nees
 from palpate.pipeline.track import track as track_with_palpate
 
 Array = NDArray[np.float64]
@@ -241,10 +241,8 @@ def _summary(tracks: Tracks, mode: str) -> dict[str, float]:
         translation, rotation = (float(each[-1]) for each in figures.errors(track, mode))
         final.append((translation, rotation))
         lost += translation > LOST[0] or (rotation > LOST[1] and not track["is_disc"])
-        off = se2.log(se2.between(track[f"{mode}_pose"], track["truth"]))
-        weighed = np.linalg.solve(track[f"{mode}_covariance"], off[..., None])[..., 0]
-        since = np.arange(len(off)) >= np.argmax(track["episode"] >= 0)
-        inside.append(np.mean((np.sum(off * weighed, axis=1) < 7.815)[since]))  # chi-square, 3 degrees, 95 %
+        squared = nees(track[f"{mode}_pose"], track[f"{mode}_covariance"], track["truth"])
+        inside.append(np.mean(inside_95(squared)[np.argmax(track["episode"] >= 0) :]))
     translation, rotation = np.median(final, axis=0).tolist()
     return {
         "final_translation_mm": translation,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-Panels = list[tuple[str, list[Trial], list["Axes"]]]
+Panels = list[tuple[list[Trial], list["Axes"]]]
 
 STYLE: Any = {"font.size": 9, "axes.titlesize": 10, "axes.grid": True, "grid.alpha": 0.25, "savefig.dpi": 110}
 # Colours that people with any colour vision tell apart (Okabe and Ito).
@@ -64,7 +64,7 @@ def errors_over_time(trials: Sequence[Trial]) -> "Figure":
     quartile. They begin at the first contact and end where fewer than half of the sequences go on.
     """
     figure, panels = _grid(trials, len(OVER_TIME), sharey="row")
-    for _, some, axes in panels:
+    for some, axes in panels:
         for axis, (label, quantity) in zip(axes, OVER_TIME.items(), strict=True):
             axis.set(xlabel="time since the start [s]", ylabel=label)
             is_share = label.endswith("[%]")
@@ -87,7 +87,7 @@ def errors_over_time(trials: Sequence[Trial]) -> "Figure":
 def final_errors(trials: Sequence[Trial]) -> "Figure":
     """Draw errors at the last frame with ground truth as boxes, with whiskers to 5 and 95 %; the paper's figure 7."""
     figure, panels = _grid(trials, 2, sharex="row", sharey="row")
-    for _, some, axes in panels:
+    for some, axes in panels:
         for axis, (name, least) in zip(axes, (("final_mm", 0.1), ("final_deg", 0.05)), strict=True):
             by_method = dict(_by_method(some))
             boxes = axis.boxplot(
@@ -108,7 +108,7 @@ def final_errors(trials: Sequence[Trial]) -> "Figure":
 
 
 def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", Panels]:
-    """Return a figure and, for all groups together and for each group, its name, trials and axes, from above."""
+    """Return a figure and, for all groups together and for each group, its trials and axes, from above."""
     from matplotlib.figure import Figure
 
     names = sorted({trial.group for trial in trials})
@@ -119,7 +119,7 @@ def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", P
     for column, name in enumerate(names):
         some = [trial for trial in trials if name in (ALL, trial.group)]
         grid[0, column].set_title(f"{name} ({len({trial.recording for trial in some})})")
-        panels.append((name, some, list(grid[:, column])))
+        panels.append((some, list(grid[:, column])))
     return figure, panels
 
 

@@ -111,7 +111,7 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         assert found is not None
         return view.of(found)
 
-    background, is_marked = _at_rest(recording, image, calibration)
+    background, is_marked = gel_at_rest(recording, image, calibration)
     mean = reduced(background.mean)
     g = se2.between(recording.object_pose, recording.sensor_pose)
     episode, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
@@ -167,8 +167,8 @@ def _is_touched(detector: ContactDetector, recording: Recording, index: int) -> 
         return False
 
 
-def _at_rest(
-    recording: Recording, image: Callable[[int], Image], calibration: Calibration | None
+def gel_at_rest(
+    recording: Recording, image: Callable[[int], Image], calibration: Calibration | None = None
 ) -> tuple[Background, bool]:
     """Return the untouched gel of a recording, else of its unit, without markers, and true if it has markers."""
     name = recording.file or "the recording"
