@@ -27,12 +27,12 @@ def test_a_long_push_is_felt_where_the_tip_leans():
 
 def test_the_reference_finds_a_push_and_the_gate_names_a_slow_case():
     pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
-    step, window = importlib.import_module("step"), importlib.import_module("gtsam_window")
+    step, graphs = importlib.import_module("step"), importlib.import_module("gtsam_graphs")
     first = np.array([[-0.5 * step.SHAPE.size_x, 0.01, 0.0]])
     objects, sensors = (each[:, 0] for each in step.push(step.MODEL, np.zeros((1, 3)), first, 20, step.Steering()))
     felt = directions(step.felt(objects, sensors))
     assert len(felt) == 21 and abs(felt[0]) < 0.05  # it begins at the apex, known to 0.01 rad
-    plain = window.NativeGraph()
+    plain = graphs.PlainGraph(step.MODEL, objects[0])
     pose = [plain.update(given)[0] for given in zip(objects, sensors, strict=True)][-1]
     np.testing.assert_allclose(pose, objects[-1], atol=1e-4)
     slow = [{"name": "graph", "ratio_to_reference": 0.2}, {"name": "new", "ratio_to_reference": 9.0}]
