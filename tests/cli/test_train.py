@@ -1,4 +1,4 @@
-"""`palpate train` on a few seconds of recordings: models that track, and input too poor to learn from."""
+"""`palpate train` on a few seconds of recordings and presses: models that track, and input too poor to learn from."""
 
 import dataclasses
 import json
@@ -6,10 +6,11 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from recording_samples import pushed
-from training_samples import DISC, SENSOR, pushes, write_pushes
+from training_samples import DISC, SENSOR, image, pushes, write_pushes
 
 import palpate
 
@@ -89,3 +90,23 @@ def test_folders_that_cannot_be_learned_from(recordings, tmp_path, fails):
     shipped = Path(palpate.__file__).parent / "data/digit"
     said = fails("train", recordings, "--out", out, "--from", shipped)
     assert "sensor 'DIGIT' with images of 320 x 240 px is not that of the recordings" in said
+
+
+def test_a_model_of_directions_from_grey_presses(tmp_path, run_palpate, fails):
+    angles = np.random.default_rng(0).uniform(-0.7, 0.7, 60)
+    for k, place in enumerate([*(angles / 0.7), None]):
+        colours = np.frombuffer(image(place, k), np.uint8)
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.asarray(cv2.imdecode(colours, cv2.IMREAD_GRAYSCALE)))
+    table = tmp_path / "presses.csv"
+    table.write_text("\n".join(["file,angle_deg", *(f"{k}.png,{np.degrees(a)}" for k, a in enumerate(angles))]))
+    given = ["train", table, "--untouched", tmp_path / "60.png", "--out", tmp_path / "model", "--steps", "2"]
+    assert "presses (.csv) take --untouched and --sensor" in fails(*given)
+    given += ["--sensor", "dome"]
+    assert "presses (.csv) take" in fails(*given, "--calibration", "no.npz")
+    code, out, _ = run_palpate(*given, "--json")
+    assert code == 0 and json.loads(out)["held_out"] == 9
+    settings = palpate.TouchModel(tmp_path / "model").settings
+    assert settings.sensor == "dome" and list(settings.spread) == ["direction"]
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(table.read_text().splitlines()[:11]))
+    assert "found 10 presses; at least 50" in fails("train", few, *given[2:5], tmp_path / "few", *given[-2:])

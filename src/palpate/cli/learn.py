@@ -5,30 +5,41 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import tyro
+
 from palpate import __version__
 from palpate.cli.console import complain, print_json, progress_bar, report
-from palpate.cli.options import NOISE, Json, RecordingsFolder, Touch, arg, check_torch
-from palpate.errors import FileError
+from palpate.cli.options import NOISE, Json, RecordingsFolder, Touch, arg, check_torch, positional
+from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
     from palpate.lab.tune.tuning import Tuning
 
 
 def train(
-    folder: RecordingsFolder,
+    source: Annotated[
+        tyro.conf.Positional[Path],
+        positional(
+            "DIR|PRESSES.csv",
+            "Folder of recordings, or presses at known angles: columns file, an image beside the CSV, and "
+            "angle_deg, of the contact on the tip. These give a model of directions alone.",
+        ),
+    ],
     /,
     *,
     out: Annotated[Path, arg("MODEL")],
     start: Annotated[Path | None, arg("MODEL", "from nothing", name="from")] = None,
     calibration: Annotated[Path | None, arg("UNIT.npz", "images are as they are")] = None,
     test: Annotated[Path | None, arg("DIR", "a share of DIR that is left out")] = None,
+    untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
+    sensor: Annotated[str | None, arg("NAME", "none")] = None,
     seed: Annotated[int, arg("N")] = 0,
-    steps: Annotated[int | None, arg("N", "4000; 300 with --from")] = None,
+    steps: Annotated[int | None, arg("N", "4000; 300 with --from or presses")] = None,
     workers: Annotated[int, arg("N")] = 1,
     resume: bool = False,
     json: Json = False,
 ) -> int:
-    """Train a touch model on recordings with images and ground truth; judge it on others.
+    """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others.
 
     Example: palpate train recordings --out model
 
@@ -37,24 +48,38 @@ def train(
         start: Go on from this model, to fit it to another sensor unit.
         calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
         test: Recordings to judge the model by.
+        untouched: With presses: images of the untouched gel.
+        sensor: With presses: the name of the sensor's profile.
         seed: Of weights, batches and what is left out.
         steps: Most steps of each descent.
         workers: Processes that read recordings.
         resume: Go on with a training that was cut off.
     """
     check_torch("training", "train", "onnxscript", "torch")
+    from palpate.files import in_file
     from palpate.lab.study.recordings import find_recordings
-    from palpate.lab.train.train import TrainSettings
+    from palpate.lab.train.train import TrainSettings, train_on_presses
     from palpate.lab.train.train import train as train_model
     from palpate.touch.calibration import load_calibration
+    from palpate.touch.press_calibration import read_presses
+    from palpate.types.images import read_image
 
     begin = time.perf_counter()
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
-    files, tested = list(find_recordings(folder).values()), list(find_recordings(test).values()) if test else ()
-    unit = calibration and load_calibration(calibration)
-    results = train_model(files, out, settings, progress_bar, start, tested, resume, unit)
+    if source.suffix.lower() == ".csv":
+        if not untouched or not sensor or start or calibration or test:
+            raise SettingError("train: presses (.csv) take --untouched and --sensor, not --from, --calibration, --test")
+        still, presses = [read_image(path) for path in untouched], read_presses(source)
+        with in_file(source):
+            results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
+    else:
+        if untouched or sensor:
+            raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
+        files, tested = list(find_recordings(source).values()), list(find_recordings(test).values()) if test else ()
+        unit = calibration and load_calibration(calibration)
+        results = train_model(files, out, settings, progress_bar, start, tested, resume, unit)
     results["wall_s"] = time.perf_counter() - begin
-    left_out = results["recordings"]["left_out"]
+    left_out = results.get("recordings", {}).get("left_out", {})
     for why in left_out.values():
         complain(f"left out: {why}")
     report(json, "training", {"model": str(out), **results})

@@ -1,4 +1,4 @@
-"""Touch models from recordings: from files to a model folder."""
+"""Touch models from recordings or from presses: from files to a model folder."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -21,10 +21,21 @@ from palpate.lab.train.networks import TouchNetwork, exported, restore
 from palpate.lab.train.samples import Samples, read_samples
 from palpate.lab.train.scores import errors_of, judge, measure_spread
 from palpate.touch.calibration import Calibration
-from palpate.touch.touch_model import NETWORK, OUTPUTS, ModelSettings, TouchModel, write_model
+from palpate.touch.press_calibration import Presses, check_alike, check_spread
+from palpate.touch.touch_model import (
+    NETWORK,
+    OUTPUTS,
+    ModelSettings,
+    Spread,
+    TouchModel,
+    difference,
+    reduced,
+    write_model,
+)
 from palpate.types.sensor import SensorProfile
 
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
+Image = NDArray[np.uint8]
 Indices = NDArray[np.int_]
 
 
@@ -38,6 +49,8 @@ class TrainSettings:
     """Descent of a new model."""
     fine: FitSettings = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
     """Descent of an existing model, for another sensor unit."""
+    presses: FitSettings = FitSettings(steps=300, check=25)
+    """Descent of a model from presses."""
     steps: int | None = None
     """Most steps of any of them; None leaves them as they are."""
     workers: int = 1
@@ -45,17 +58,23 @@ class TrainSettings:
     held_out: float = 0.1
     """Share of the recordings that ends the descent and calibrates variances."""
     test: float = 0.15
-    """Share of the recordings that judges the model, unless others are given."""
+    """Share of the recordings that judges the model, unless others are given; of presses both shares are this."""
     groups: tuple[int, int] = (24, 8)
     """Contacts in a batch and frames of each: the turn of a contact has an unknown offset, so frames come in groups."""
     fewest_frames: int = 100
     """Fewest frames of contact, three seconds."""
+    fewest_presses: int = 50
+    """Fewest presses that directions can be learnt from."""
 
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise SettingError(f"seed is {self.seed}; allowed is 0 or more")
         if self.steps is not None and self.steps < 1:
             raise SettingError(f"steps is {self.steps}; allowed is 1 or more")
+
+    def descent(self, settings: FitSettings) -> FitSettings:
+        """Return a descent with at most as many steps as are wanted."""
+        return settings if self.steps is None else replace(settings, steps=self.steps)
 
 
 def train(
@@ -101,8 +120,7 @@ def train(
         network = TouchNetwork(outputs)
         if base is not None:
             restore(network, base.network)
-        descent = settings.touch if base is None else settings.fine
-        descent = replace(descent, steps=settings.steps or descent.steps)
+        descent = settings.descent(settings.touch if base is None else settings.fine)
         with bar("touch", descent.steps) as progress:
             learn(network, learned, held_out, sensor, settings, descent, work, progress)
         spread = measure_spread(errors_of(network, held_out), held_out.episode)
@@ -126,6 +144,52 @@ def train(
     return results
 
 
+def train_on_presses(
+    presses: Presses,
+    untouched: Sequence[Image],
+    sensor: str,
+    out: Path,
+    bar: Bar,
+    settings: TrainSettings | None = None,
+    resume: bool = False,
+) -> dict[str, Any]:
+    """Train a model of directions on presses, write its folder and return its errors on held-out presses.
+
+    One held-out part ends the descent, another judges it, and both calibrate its variances. untouched are images of the
+    gel at rest, as large as the presses', and sensor is the name of the profile that the model is for. Raises FileError
+    on too few presses, on ones too close together and on images of different sizes.
+    """
+    settings = settings or TrainSettings()
+    count, descent = len(presses.images), settings.descent(settings.presses)
+    if count < settings.fewest_presses:
+        raise FileError(f"found {count} presses; at least {settings.fewest_presses} are needed to learn from")
+    check_spread(presses.angle)
+    check_alike(presses, untouched)
+    height, width = untouched[0].shape[:2]
+    with held_folder(out):
+        work = work_folder(out, resume)
+        work.mkdir(exist_ok=True)
+        mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
+        seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
+        # Each press is a contact of its own, of which only the direction is known.
+        each, unknown = np.arange(count), np.zeros(count)
+        samples = Samples(seen, each, each, unknown, presses.angle, unknown, np.zeros(count, int))
+        order, apart = np.random.default_rng(settings.seed).permutation(count), round(settings.test * count)
+        judged, checked, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart, 2 * apart]))
+        held_out = samples.of(np.sort(order[: 2 * apart]))
+        torch.manual_seed(settings.seed)
+        network = TouchNetwork(OUTPUTS[2])
+        profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
+        with bar("direction", descent.steps) as progress:
+            learn(network, learned, checked, profile, settings, descent, work, progress)
+        scale = measure_spread(errors_of(network, held_out), held_out.episode)["direction"].scale
+        spread = {"direction": Spread(scale, together=19.0)}  # as of the DIGIT's model: presses cannot tell
+        training = {"seed": settings.seed, "steps": descent.steps, "presses": count}
+        write_model(out, ModelSettings(sensor, height, width, spread, training), exported(network))
+        scores = judge(errors_of(network, judged), spread)["direction"]
+    return {"presses": count, "held_out": apart} | {name: scores[name] for name in ("rms_deg", "median_deg")}
+
+
 def learn(
     network: TouchNetwork,
     learned: Samples,
@@ -137,9 +201,10 @@ def learn(
     progress: Callable[..., None] | None = None,
 ) -> None:
     """Train a network by the likelihood of the distributions that it predicts, all outputs together."""
+    contacts, frames = settings.groups if "turn" in network.outputs else (2 * settings.groups[0], 1)
 
     def draw(samples: Samples, rng: np.random.Generator) -> tuple[Samples, Indices, Batch]:
-        chosen = draw_groups(samples, *settings.groups, rng)
+        chosen = draw_groups(samples, contacts, frames, rng)
         return samples, chosen, varied_batch(samples, chosen, sensor, rng)
 
     def losses(drawn: tuple[Samples, Indices, Batch]) -> dict[str, Tensor]:
