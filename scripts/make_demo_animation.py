@@ -15,7 +15,7 @@ from PIL import Image
 from palpate.cli.track import demo_recording
 from palpate.config import TrackerSettings
 from palpate.geometry import se2
-from palpate.pipeline.figures import draw_above, draw_errors, draw_touch
+from palpate.pipeline.figures import draw_above, draw_errors
 from palpate.pipeline.metrics import pose_words, world_sigma
 from palpate.pipeline.track import Run, track
 
@@ -40,8 +40,8 @@ def animation(run: Run) -> list[Image.Image]:
         for each in axes.values():
             each.clear()
         draw_from_above(axes["above"], run, index)
-        draw_touch(axes["touch"], run, index)
-        axes["touch"].set(xlabel="", xticks=(), yticks=())
+        axes["touch"].imshow(np.asarray(run.recording[index].image))
+        axes["touch"].set(xticks=(), yticks=(), title=f"touch at {run.recording.time[index]:.1f} s")
         write_words(axes["words"], run, index)
         draw_errors(axes["translation"], axes["rotation"], run)
         time = run.online.time - run.online.time[0]

@@ -174,22 +174,6 @@ def real_runs() -> Iterator[Row]:
             }
 
 
-def real_knocks() -> Iterator[Row]:
-    """Yield a row for each time after the knocks of real runs."""
-    runs = by_source(oracle_runs())["MIT, knocked by hand"]
-    for seconds in runs[0]["knock_error_mm"]:
-        errors = [mm for run in runs for mm in run["knock_error_mm"][seconds] if mm is not None]
-        taken = [each for run in runs for each in run["knock_recovery_s"]]
-        soon = [each for each in taken if each is not None and each <= float(seconds)]
-        yield {
-            "after": seconds,
-            "median": median(errors),
-            "worst": max(errors),
-            "count": len(errors),
-            "recovered": f"{len(soon)} of {len(taken)}",
-        }
-
-
 def expected() -> Iterator[Row]:
     """Yield the rows of README's table."""
     yield scored("simulated pushes, with the errors of a real set-up", sequences("systematic"))
@@ -297,16 +281,6 @@ TABLES: dict[str, Table] = {
             "statuses": "{said}",
         },
         real_runs,
-    ),
-    "real-knocks": Table(
-        {
-            "after a knock": "{after} s",
-            "median error": "{median:.1f} mm",
-            "worst": "{worst:.0f} mm",
-            "knocks with truth then": "{count}",
-            "recovered": "{recovered}",
-        },
-        real_knocks,
     ),
     "set-up-errors": Table(
         {

@@ -13,6 +13,19 @@ if TYPE_CHECKING:
 
 UNITS = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg", "nats": "nats"}
 """Ends of keys, as in `delay_s`, and their units."""
+NAMES = {
+    "in_95": "in the 95 % region",
+    "in_95_contact": "in the 95 % region, in contact",
+    "in_95_rest": "in the 95 % region, at rest",
+    "nees_mean": "NEES, mean (3 if consistent)",
+    "nats": "log likelihood in contact [nats]",
+    "nats_rescaled": "with the best factor on covariances [nats]",
+    "crps": "CRPS in contact",
+    "sigma": "sigma in contact",
+    "knock_recovery_contact": "recovered after, in contact",
+    "episodes": "contacts",
+}
+"""Names of keys, without their units, that say too little by themselves."""
 
 
 def print_json(data: dict[str, Any]) -> None:
@@ -66,7 +79,8 @@ def cell(key: str, value: Any) -> str:
 
 def _name_and_unit(key: str) -> tuple[str, str]:
     name, _, end = key.rpartition("_")
-    return (name.replace("_", " "), UNITS[end]) if name and end in UNITS else (key.replace("_", " "), "")
+    name, unit = (name, UNITS[end]) if name and end in UNITS else (key, "")
+    return NAMES.get(name, name.replace("_", " ")), unit
 
 
 def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], justify: Any) -> "Table":

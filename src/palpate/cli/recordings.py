@@ -132,7 +132,7 @@ def _show_recording(file: Path, kind: str | None, orientation: str, json: bool) 
         return
     if "vertices" in shape:
         shape["vertices"] = len(shape["vertices"])
-    contacts, findings, verdict = (found.pop(name) for name in ("contacts", "findings", "verdict"))
+    contacts, findings = found.pop("contacts"), found.pop("findings")
     units = {"duration": "duration_s", "rate": "median rate_hz", "jitter": "jitter_s"}
     about |= {"sensor": recording.sensor.name, **{f"{name} is": words for name, words in recording.frames.items()}}
     print_table(quantities(file.name, about | {units.get(key, key): value for key, value in found.items()}))
@@ -141,7 +141,8 @@ def _show_recording(file: Path, kind: str | None, orientation: str, json: bool) 
         rows = [{"start_s": one.pop("start") - begin, "end_s": one.pop("end") - begin, **one} for one in some[:20]]
         if rows:
             print_rows(title if len(some) <= 20 else f"{title}: the first 20 of {len(some)}", dict(enumerate(rows)))
-    print_line(verdict)
+    if not findings:
+        print_line("nothing is wrong with it")
 
 
 def _show_bag(path: Path, orientation: str, json: bool) -> None:

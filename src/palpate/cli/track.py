@@ -2,51 +2,24 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.console import complain, print_json, print_line, print_rows, print_table, progress_bar, quantities
+from palpate.cli.console import complain, print_json, print_line, print_rows, progress_bar, report
 from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg, positional
 from palpate.errors import PalpateError, SettingError
 
 if TYPE_CHECKING:
     from palpate.types.recording import Recording
 
-SCORES = {
-    "translation RMSE_mm": "translation_rmse_mm",
-    "rotation RMSE_deg": "rotation_rmse_deg",
-    "final translation error_mm": "final_translation_error_mm",
-    "final rotation error_deg": "final_rotation_error_deg",
-    "NEES, mean (3 if consistent)": "nees_mean",
-    "log likelihood in contact_nats": "nats",
-    "with the best factor on covariances_nats": "nats_rescaled",
-    "CRPS in contact_mm": "crps_mm",
-    "sigma in contact_mm": "sigma_mm",
-    "in the 95 % region_share": "in_95_share",
-    "in the 95 % region, in contact_share": "in_95_contact_share",
-    "in the 95 % region, at rest_share": "in_95_rest_share",
-    "silently wrong_share": "silently_wrong_share",
-}
-"""Name and unit of a score in tables, and its key in `summary.json`."""
-FACTS = {
-    "frames": "frames",
-    "in contact": "contact_frames",
-    "contacts": "episodes",
-    "scored frames": "scored_frames",
-    **SCORES,
-    "step time_ms": "step_ms",
-    "status": "statuses",
-}
-"""The same of a single run."""
-KNOCKS = {
-    "knocks": "knocks",
-    "recovered after_s": "knock_recovery_s",
-    "recovered after, in contact_s": "knock_recovery_contact_s",
-    "silently wrong before a touch_share": "silently_wrong_before_touch_share",
-}
-"""The same of a recording with knocks."""
+SCORES = (
+    *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
+    *("nees_mean", "nats", "nats_rescaled", "crps_mm", "sigma_mm", "in_95_share", "in_95_contact_share", "in_95_rest_share", "silently_wrong_share"),
+)
+"""Keys of `summary.json` in the tables of one run and of several."""
+KNOCKS = ("knocks", "knock_recovery_contact_s", "silently_wrong_before_touch_share")
+"""The same of a run with knocks."""
 
 
 def track(
@@ -116,7 +89,8 @@ def track(
     if json:
         print_json({"runs": runs, "failed": failed})
     elif runs:
-        report_runs(runs)
+        print_rows("scores", {Path(run["folder"]).name: {key: run[key] for key in SCORES} for run in runs})
+        print_line(f"runs: {folders[0].parent}")
     return 3 if failed else 0
 
 
@@ -176,16 +150,8 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         return
     if "tactile_reason" in summary:
         print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
-    rows = {"final pose": pose_words(summary["final_pose"], summary["final_sigma"])}
-    rows |= {name: summary[key] for name, key in (FACTS | (KNOCKS if summary["knocks"] else {})).items()}
-    print_table(quantities(f"tactile {summary['tactile']}, {summary['smoother']}", rows))
+    keys = ("frames", "contact_frames", "episodes", "scored_frames", *SCORES, "step_ms", "statuses")
+    rows = {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
+    rows |= {key: summary[key] for key in (*keys, *(KNOCKS if summary["knocks"] else ()))}
+    report(json, f"tactile {summary['tactile']}, {summary['smoother']}", rows)
     print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
-
-
-def report_runs(runs: list[dict[str, Any]]) -> None:
-    """Print a line for each of several runs, and their median."""
-    rows = {Path(run["folder"]).name: {name: run[key] for name, key in SCORES.items()} for run in runs}
-    known = {name: [row[name] for row in rows.values() if row[name] is not None] for name in SCORES}
-    rows["median"] = {name: median(values) if values else None for name, values in known.items()}
-    print_rows("scores", rows)
-    print_line(f"runs: {Path(runs[0]['folder']).parent}")

@@ -62,5 +62,5 @@ def add_live_estimate(sink: MessageSink, plane: Plane, stamp: int, last: LiveEst
         "latency [ms]": f"{1e3 * last.latency:.1f}",
         **more,
     }
-    trajectory, answers, _ = gathered([last.estimate])
+    trajectory, answers = gathered([last.estimate])
     add_estimates(sink, trajectory, [stamp], plane, answers, values)

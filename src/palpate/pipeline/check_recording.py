@@ -3,7 +3,6 @@
 Limits follow from physics and from how well robot and motion capture agree in undisturbed real runs.
 """
 
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -28,12 +27,10 @@ class Finding:
     """One thing that is wrong with a recording, in frames from `start` to `end`."""
 
     kind: str
-    """time gap, rate, unit, drop-out, jump, knock, untouched motion, overlap, stand-off or image."""
+    """time gap, rate, unit, drop-out, jump, knock, untouched motion, off outline or image."""
     start: int
     end: int
     sentence: str
-    breaks: bool = False
-    """True if motion capture or contact is broken by it."""
 
 
 def check_recording(recording: Recording) -> dict[str, Any]:
@@ -43,8 +40,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - contact: measured, derived (from ground truth and geometry) or absent; contact_share, truth_share: of the frames.
     - contacts: start, end and seconds [s] of each contact.
     - images: number of frames with an image; image_size: rows and columns [px].
-    - findings: kind, start and end [s], sentence and breaks, see `Finding`; unbroken: none of them breaks motion
-      capture or contact; knocked: something other than the sensor moved the object in contact; verdict: both in words.
+    - findings: kind, start and end [s] and sentence, see `Finding`.
     """
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
     step = np.diff(time)
@@ -55,11 +51,6 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         found += _faults_of_motion(recording, truth, contact) if contact is not None else ()
     found.sort(key=lambda finding: (finding.start, finding.end))
     contacts = [] if contact is None else [(float(time[a]), float(time[b])) for a, b in flag_runs(contact)]
-    breaks = Counter(finding.kind for finding in found if finding.breaks)
-    knocks = sum(finding.kind == "knock" for finding in found)
-    verdict = f"broken: {', '.join(f'{number} x {kind}' for kind, number in breaks.items())}" if breaks else "unbroken"
-    if truth is None and contact is None:
-        verdict = "nothing to judge: no ground truth and no contact flags"
     return {
         "frames": len(recording),
         "duration": float(time[-1] - time[0]),
@@ -72,9 +63,6 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
         "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
         "findings": [{**asdict(one), "start": float(time[one.start]), "end": float(time[one.end])} for one in found],
-        "unbroken": not breaks,
-        "knocked": knocks > 0,
-        "verdict": verdict + (f"; {knocks} x knock" if knocks else ""),
     }
 
 
@@ -98,8 +86,8 @@ def _faults_of_frames(recording: Recording) -> Iterator[Finding]:
             yield Finding("unit", 0, -1, str(error))
     for frame in _gaps(recording.time).tolist():
         touches = contact is not None and bool(contact[frame] and contact[frame + 1])
-        sentence = f"no frames for {step[frame]:.2f} s{' during contact' if touches else ''}"
-        yield Finding("time gap", frame, frame + 1, sentence, breaks=touches)
+        words = f"no frames for {step[frame]:.2f} s{' during contact' if touches else ''}"
+        yield Finding("time gap", frame, frame + 1, words)
     for frame in range(len(recording)) if recording.image is not None else ():
         try:
             recording[frame]
@@ -112,12 +100,9 @@ def _faults_of_truth(time: Array, truth: Array) -> Iterator[Finding]:
     unknown = np.isnan(truth[:, 0])
     for first, last in _merged(time, unknown) if not unknown.all() else ():
         count = int(unknown[first : last + 1].sum())
-        # Systems do not start and stop together: at either end truth may be unknown for 0.2 s.
-        inner = time[last] > time[0] + 0.2 and time[first] < time[-1] - 0.2
-        yield Finding("drop-out", first, last, f"ground truth is unknown in {count} frames", breaks=bool(inner))
+        yield Finding("drop-out", first, last, f"ground truth is unknown in {count} frames")
     for first, last in _merged(time, spikes(truth)):
-        sentence = "ground truth jumps away and back; these frames are not scored"
-        yield Finding("jump", first, last, sentence, breaks=True)
+        yield Finding("jump", first, last, "ground truth jumps away and back; these frames are not scored")
 
 
 def _faults_of_motion(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
@@ -135,18 +120,16 @@ def _faults_of_motion(recording: Recording, truth: Array, contact: Flags) -> Ite
         away = np.linalg.norm(points - points[:1], axis=-1).max(axis=-1, initial=0.0)
         if away.max(initial=0.0) > 3e-3:  # [m], twice the 1.4 mm by which robot and motion capture disagree
             sentence = f"the object moves by {_moved(pose[0], pose[np.argmax(away)])} while nothing touches it"
-            yield Finding("untouched motion", first, last, sentence, breaks=True)
+            yield Finding("untouched motion", first, last, sentence)
     limit = 2e-3  # [m], for three frames or more: undisturbed runs have 1.4 mm at most
     gap = recording.sensor.gaps(recording.sensor_pose, truth, recording.shape)
-    gap[~(trusted & contact)] = np.nan
-    overlap = "overlap", "the sensor overlaps the true outline by up to"
-    stand_off = "stand-off", "the sensor touches but stands off the true outline by up to"
-    for (kind, words), wrong in ((overlap, gap < -limit), (stand_off, gap > limit)):
-        for first, last in _merged(time, wrong):
-            inside = wrong[first : last + 1]
-            if inside.sum() >= 3:
-                worst = np.abs(gap[first : last + 1][inside]).max() * 1e3
-                yield Finding(kind, first, last, f"{words} {worst:.1f} mm")
+    gap[~(trusted & contact)] = 0.0
+    for first, last in _merged(time, np.abs(gap) > limit):
+        inside = gap[first : last + 1]
+        if np.sum(np.abs(inside) > limit) >= 3:
+            worst = inside[np.argmax(np.abs(inside))] * 1e3
+            how = "overlaps" if worst < 0.0 else "touches but stands off"
+            yield Finding("off outline", first, last, f"the sensor {how} the true outline by up to {abs(worst):.1f} mm")
 
 
 def _gaps(time: Array) -> NDArray[np.intp]:

@@ -21,8 +21,6 @@ CONTENT = ("tracking", "resting")
 PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
 LASTING = 0.3
 """Scored time for which an estimate has to be near to have recovered [s]: at the very end it may be near by chance."""
-AFTER = (0.5, 1.0, 1.5, 2.0, 3.0)
-"""Times after a knock at which errors are reported [s]."""
 
 
 def translation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
@@ -196,40 +194,24 @@ def before_next_touch(knocked: Flags, contact: Flags) -> Flags:
 def recovery(time: Array, contact: Flags, translation: Array, rotation: Array, knocked: Flags) -> dict[str, Any]:
     """Return the number of knocks, and lists with a value for each, from times [s], errors [mm] and [deg] and flags.
 
-    - knock_recovery_s: time from its last frame until the estimate is near the truth (not `is_far`) and stays so until
-      the next knock or the end; None where it does not, or is near for less than LASTING.
-    - knock_recovery_contact_s, knock_contact_s: time in contact until then, and until the last scored frame before the
-      next knock or the end.
-    - knock_error_mm: by the seconds after the knock ("0.5") the error then; None where no frame is scored.
+    - knock_recovery_contact_s: time in contact from its last frame until the estimate is near the truth (not `is_far`)
+      and stays so until the next knock or the end; None where it does not, or is near for less than LASTING.
+    - knock_contact_s: time in contact until the last scored frame before the next knock or the end.
     """
     interval = np.diff(time, prepend=time[0])
     scored, far = np.isfinite(translation), is_far(translation, rotation)
     in_contact, in_score = np.cumsum(interval * contact), np.cumsum(interval * scored)
     runs = flag_runs(knocked)
-    seconds: list[float | None] = []
-    contact_seconds: list[float | None] = []
-    contact_after: list[float] = []
-    errors: dict[str, list[float | None]] = {f"{after:g}": [] for after in AFTER}
+    recovered: list[float | None] = []
+    followed: list[float] = []
     ends = [*(first for first, _ in runs), len(time)][1:]
     for (_, last), following in zip(runs, ends, strict=True):
         frames = last + np.flatnonzero(scored[last:following])
         near = frames[np.cumsum(far[frames][::-1])[::-1] == 0]  # those that no far one follows
         lasts = len(near) > 0 and in_score[near[-1]] - in_score[near[0]] > LASTING - 1e-9
-        seconds.append(float(time[near[0]] - time[last]) if lasts else None)
-        contact_seconds.append(float(in_contact[near[0]] - in_contact[last]) if lasts else None)
-        until = frames[-1] if len(frames) else last
-        contact_after.append(float(in_contact[until] - in_contact[last]))
-        for after in AFTER:
-            off = np.abs(time[frames] - time[last] - after)
-            is_beside = len(off) > 0 and off.min() < 0.1 + 1e-9  # [s], and the rounding of sums of times
-            errors[f"{after:g}"].append(float(translation[frames[np.argmin(off)]]) if is_beside else None)
-    return {
-        "knocks": len(runs),
-        "knock_recovery_s": seconds,
-        "knock_recovery_contact_s": contact_seconds,
-        "knock_contact_s": contact_after,
-        "knock_error_mm": errors,
-    }
+        recovered.append(float(in_contact[near[0]] - in_contact[last]) if lasts else None)
+        followed.append(float(in_contact[frames[-1] if len(frames) else last] - in_contact[last]))
+    return {"knocks": len(runs), "knock_recovery_contact_s": recovered, "knock_contact_s": followed}
 
 
 def _mean(values: Array) -> float | None:

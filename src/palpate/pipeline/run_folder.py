@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,7 @@ from palpate.types.space import Plane
 
 Array = NDArray[np.float64]
 
-FILES = {
-    *("settings.json", "trajectory.tum", "estimates.csv", "answers.csv", "friction.csv", "summary.json", "figure.png")
-}
+FILES = {"settings.json", "trajectory.tum", "estimates.csv", "answers.csv", "summary.json", "figure.png"}
 """Files of every run."""
 RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
@@ -75,12 +74,8 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     }
     for name, data in (("settings.json", settings), ("summary.json", run.summary)):
         (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    friction = np.column_stack((online.time, run.friction))
-    for name, columns, rows in (
-        ("answers.csv", ANSWERS, np.reshape(answers, (-1, len(ANSWERS)))),
-        ("friction.csv", ("time", "friction", "deviation"), friction),
-    ):
-        np.savetxt(folder / name, rows, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
+    table: Any = {"fmt": "%.17g", "delimiter": ",", "header": ",".join(ANSWERS), "comments": ""}
+    np.savetxt(folder / "answers.csv", np.reshape(answers, (-1, len(ANSWERS))), **table)
     write_tum(run.smoothed, folder / "trajectory.tum")
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:

@@ -48,11 +48,9 @@ class Run:
     """Poses corrected by all frames of their contact."""
     answers: Answers
     """All answers at each frame, the best first; empty at frames with one, which is the estimate."""
-    friction: Array
-    """Estimated friction between sensor and object, and its standard deviation, (N, 2)."""
     step_ms: Array
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
-    truth: Array | None
+    truth: Array
     """Ground truth that the run is scored by, (N, 3); NaN where it is unknown or jumps away and back."""
     summary: dict[str, Any]
     """Scores of the online estimates; see `metrics.summarise`."""
@@ -94,13 +92,13 @@ def track(
             if progress:
                 progress(index + 1)
     settings = replace(settings, tactile=tracker.tactile)
-    online, answers, friction = gathered(estimates)
+    online, answers = gathered(estimates)
     smoothed = tracker.smoothed()
     if not used.all():
         smoothed = Trajectory(recording.time, smoothed.pose[np.maximum(np.cumsum(used) - 1, 0)], contact=online.contact)
     summary = summarise(
         online,
-        np.full_like(online.pose, np.nan) if truth is None else truth,
+        truth,
         knocked_frames(recording),
         step_ms,
         yaw_shows=not isinstance(recording.shape, Disc),
@@ -115,8 +113,8 @@ def track(
         summary["tactile_reason"] = tracker.tactile_reason
     is_learnt = settings.tactile.startswith("learnt")
     model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
-    estimated = online, smoothed, answers, friction
-    return Run(recording, settings, model, calibration, first, sigma, *estimated, step_ms, truth, summary)
+    start = calibration, first, sigma
+    return Run(recording, settings, model, *start, online, smoothed, answers, step_ms, truth, summary)
 
 
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, bool, float]]:
@@ -152,8 +150,8 @@ def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Est
         yield last, True, (time.perf_counter() - start) * 1e3
 
 
-def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]:
-    """Return the trajectory, the answers and the friction of N estimates, as in a Run."""
+def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers]:
+    """Return the trajectory and the answers of N estimates, as in a Run."""
     online = Trajectory(
         time=np.array([estimate.time for estimate in estimates]),
         pose=np.array([estimate.pose for estimate in estimates]),
@@ -162,8 +160,7 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers, Array]
         status=tuple(estimate.status for estimate in estimates),
         reason=tuple(estimate.reason for estimate in estimates),
     )
-    answers = tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
-    return online, answers, np.array([estimate.friction for estimate in estimates])
+    return online, tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
 
 
 def first_pose_of(
@@ -221,14 +218,14 @@ def quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def _check(recording: Recording, truth: Array | None, settings: TrackerSettings) -> None:
+def _check(recording: Recording, truth: Array, settings: TrackerSettings) -> None:
     """Raise SettingError if the recording lacks something that the settings need."""
     lacking = ""
     if recording.contact is None and recording.image is None:
         lacking = "neither images nor contact flags, and tracking needs one of them"
     elif settings.tactile.startswith("learnt") and recording.image is None:
         lacking = f"no images, which tactile {settings.tactile} needs"
-    elif settings.tactile == "oracle" and (truth is None or np.isnan(truth).all()):
+    elif settings.tactile == "oracle" and np.isnan(truth).all():
         lacking = "no ground truth, which tactile oracle takes its measurements from"
     if lacking:
         raise SettingError(f"{recording.file or 'the recording'}: has {lacking}")

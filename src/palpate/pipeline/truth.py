@@ -17,11 +17,10 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def known_truth(recording: Recording) -> Array | None:
-    """Return ground truth (N, 3) where it can be trusted, NaN elsewhere; None if there is none."""
-    if recording.object_pose is None:
-        return None
-    return np.where(recording.trusted_truth[:, None], recording.object_pose, np.nan)
+def known_truth(recording: Recording) -> Array:
+    """Return ground truth (N, 3) where it can be trusted, NaN elsewhere."""
+    truth = np.nan if recording.object_pose is None else recording.object_pose
+    return np.where(recording.trusted_truth[:, None], truth, np.full((1, 3), np.nan))
 
 
 def flag_runs(flags: Flags) -> list[tuple[int, int]]:

@@ -124,13 +124,12 @@ def _moving(run: Run) -> dict[str, Any]:
     online, recording = run.online, run.recording
     assert online.covariance is not None and online.contact is not None and online.status is not None
     frames = np.arange(0, len(online), -(-len(online) // 600))
-    truth = np.full_like(online.pose, np.nan) if run.truth is None else run.truth
     axes = half_axes_95(online.covariance[frames]).swapaxes(1, 2).reshape(-1, 4)
     others = (np.reshape([one.pose for one in run.answers[frame][1:]], (-1, 3)) for frame in frames)
     return {
         "time": np.round(online.time[frames] - online.time[0], 3).tolist(),
         "estimate": _poses(online.pose[frames]),
-        "truth": _poses(truth[frames]),
+        "truth": _poses(run.truth[frames]),
         "sensor": _poses(recording.sensor_pose[frames]),
         "contact": online.contact[frames].tolist(),
         "others": list(map(_poses, others)),

@@ -223,7 +223,7 @@ def _track(job: Job, settings: StudySettings) -> tuple[Job, Trial | _Failure]:
         words = " ".join(str(error).split()).removeprefix(f"{path}: ")
         words = words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
         return job, _Failure(words, recording is not None and isinstance(error, SettingError | ShapeError))
-    online, truth = run.online, np.full_like(run.online.pose, np.nan) if run.truth is None else run.truth
+    online, truth = run.online, run.truth
     assert online.covariance is not None and online.contact is not None
     trial = Trial(
         recording=name,
