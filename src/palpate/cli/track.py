@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 SCORES = (
     *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
-    *("nees_mean", "nats", "nats_rescaled", "crps_mm", "sigma_mm", "in_95_share", "in_95_contact_share", "in_95_rest_share", "silently_wrong_share"),
+    *("nees_mean", "nats", "nats_rescaled", "crps_mm", "sigma_mm"),
+    *("in_95_share", "in_95_contact_share", "in_95_rest_share", "silently_wrong_share"),
 )
 """Keys of `summary.json` in the tables of one run and of several."""
 KNOCKS = ("knocks", "knock_recovery_contact_s", "silently_wrong_before_touch_share")
