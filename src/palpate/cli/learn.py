@@ -5,11 +5,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
-from palpate import __version__
-from palpate.cli.console import complain, print_json, progress_bar, report
-from palpate.cli.options import NOISE, Json, RecordingsFolder, Touch, arg, check_torch, positional
+from palpate.cli.console import complain, progress_bar, report
+from palpate.cli.options import NOISE, Json, RecordingsFolder, Touch, arg, check_torch
 from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
@@ -128,42 +125,28 @@ def tune(
         for error in left_out.values():
             complain(f"left out: {error}")
         about = {
-            "palpate": __version__,
             "tactile": touch.tactile,
-            "model": model and model.hash,
-            "calibration": unit and unit.hash,
-            "smoother": settings.smoother,
             "start": start,
             "recordings": [name for index, name in enumerate(recorded) if not is_held_out(index)],
             "held_out": [name for index, name in enumerate(recorded) if is_held_out(index)],
-            "sources": {name: each.recording.source for name, each in recorded.items()},
         }
 
-        def write(tuning: "Tuning") -> dict[str, Any]:
+        def keep(tuning: "Tuning") -> dict[str, Any]:
             """Write the settings of a tuning, and return what is said of it."""
+            show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
             before, after = tuning.held_out or (None, None)
+            judged = {"before": tuning.before, "after": tuning.after, "held_out_before": before, "held_out_after": after}
             found = about | {
                 "evaluations": tuning.evaluations,
                 "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
-                "before": asdict(tuning.before),
-                "after": asdict(tuning.after),
-                "held_out_before": before and asdict(before),
-                "held_out_after": after and asdict(after),
+                **{name: one and asdict(one) for name, one in judged.items()},
             }
             write_noise(tuning.settings.noise, out, found, overwrite=True)
             return found
 
-        def keep(tuning: "Tuning") -> None:
-            show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
-            write(tuning)
-
         with progress_bar("tuning", evaluations) as show:
             tuning = tune_settings(list(recorded.values()), settings, evaluations, workers, keep)
-        tuned = write(tuning) | {"wall_s": time.perf_counter() - begin}
-    if json:
-        missing = [{"file": str(files[name]), "error": error} for name, error in left_out.items()]
-        print_json({"out": str(out), "noise": asdict(tuning.settings.noise), **tuned, "left_out": missing})
-    else:
-        hidden = ("recordings", "held_out", "sources")
-        report(json, "tuning", {"out": str(out), **{key: tuned[key] for key in tuned if key not in hidden}})
+            tuned = keep(tuning)
+    noise = {"noise": asdict(tuning.settings.noise), "left_out": left_out} if json else {}
+    report(json, "tuning", {"out": str(out), **noise, **tuned, "wall_s": time.perf_counter() - begin})
     return 3 if left_out else 0

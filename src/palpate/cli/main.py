@@ -19,9 +19,8 @@ from palpate.cli.live import live
 from palpate.cli.recordings import convert, info, view
 from palpate.cli.simulate import simulate
 from palpate.cli.study import evaluate, paper
-from palpate.cli.track import demo, track
+from palpate.cli.track import demo, track, warm_up
 from palpate.cli.truth import truth, truth_camera, truth_print
-from palpate.cli.warm_up import warm_up
 from palpate.errors import PalpateError, printable
 
 COMMANDS: Any = {

@@ -21,6 +21,12 @@ from palpate.cli.options import (
 )
 from palpate.errors import SettingError
 
+SHOWN = (
+    *("final_mm", "final_deg", "contact_inside_95", "final_inside_95", "silently_wrong", "nats", "ambiguous"),
+    *("knocks", "recovered_in_2s", "lost", "sequences"),
+)
+"""Columns of the table that is printed, by their keys in `results.json`."""
+
 
 @dataclass(frozen=True)
 class Methods(SensorUnit):
@@ -111,26 +117,8 @@ def _show(out: Path, results: Mapping[str, Any]) -> None:
     from palpate.lab.study.results import ALL
 
     methods = results["table"].get(ALL, {})
-    shares = {
-        "in 95 %, contact_share": "contact_inside_95",
-        "in 95 %, end_share": "final_inside_95",
-        "silently_wrong_share": "silently_wrong",
-        "ambiguous_share": "ambiguous",
-        "knocks": "knocks",
-        "recovered in 2 s_share": "recovered_in_2s",
-    }
-    rows = {
-        method: {
-            **{f"{name}_{unit}": row[f"final_{unit}"][name] for unit in ("mm", "deg") for name in ("median", "worst")},
-            **{name: row[key] for name, key in shares.items()},
-            "log likelihood_nats": row["nats"],
-            "lost": f"{row['lost']} of {row['sequences']}",
-            "step_ms": row["step_ms"]["p50"],
-        }
-        for method, row in methods.items()
-    }
-    if rows:
-        print_rows(f"{ALL}: median and worst final error, and shares of frames", rows)
+    if methods:
+        print_rows(ALL, {method: {key: row[key] for key in SHOWN} for method, row in methods.items()})
     for reason, number in Counter(each["reason"] for each in results["skipped"]).items():
         print_line(f"skipped: {number} x {reason}")
     counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed"))
