@@ -97,7 +97,6 @@ def scored(name: str, rows: Sequence[Row]) -> Row:
         "contact": mean("in_95_contact_share"),
         "end": mean("in_95_final"),
         "silent": mean("silently_wrong_share"),
-        "before_touch": mean("silently_wrong_before_touch_share"),
         "nees": f"{median(known('nees_mean')):.1f}, {mean('nees_mean'):.1f}",
         "lost": f"{sum(known('lost')):.0f}",
     }
@@ -114,10 +113,10 @@ def by_contact(study: str) -> Iterator[Row]:
 
 def knocked() -> Iterator[Row]:
     """Yield a row for each contact with a shoved object, and for all."""
-    rows, whole = sequences("knocked"), loaded("docs/study/knocked/results.json")["table"]
-    for group in (*dict.fromkeys(row["group"] for row in rows), "all groups"):
-        some = [row for row in rows if group in (row["group"], "all groups")]
-        yield {**scored(group.replace("-", " "), some), "recovered": whole[group]["learnt"]["recovered_in_2s"]}
+    rows = sequences("knocked")
+    for group in dict.fromkeys(row["group"] for row in rows):
+        yield scored(group.replace("-", " "), [row for row in rows if row["group"] == group])
+    yield scored("all groups", rows)
 
 
 def ways() -> Iterator[Row]:
@@ -262,8 +261,6 @@ TABLES: dict[str, Table] = {
     "knocked": Table(
         {
             **OF_OBJECTS,
-            "of it before a touch": "{before_touch:.1%}",
-            "recovered in 2 s": "{recovered:.0%}",
             "lost": "{lost}",
         },
         knocked,

@@ -96,9 +96,7 @@ def test_knocks_are_scored(evaluate):
     write("recordings/edges-1.mcap", replace(pushed(40), extra={"knocked": knocked}))
     out = evaluate("recordings", "--out", "out", "--tactile", "none")[1]
     row = results()["table"]["edges"]["none"]
-    # The first pose is as given, and so near up to the second knock, a second before the end.
-    assert (row["knocks"], row["recovery_contact_s"], row["recovered_in_2s"]) == (2, 0.0, None)
-    assert "knocks" in out
+    assert row["knocks"] == 2 and "knocks" in out
     assert [each["knocks"] for each in rows()] == ["0", "2"]
 
 

@@ -1,7 +1,6 @@
 """Scores of a trajectory, computed by hand."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -89,8 +88,7 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
     contact = np.array([False, True, True, True, False, False, True])
     trajectory = Trajectory(np.arange(7.0), pose, covariance, contact, status)
 
-    # Of the six since the first contact the 1st, 4th and 5th. Knocked in contact and then without: nothing could show
-    # it at the 4th and 5th.
+    # Of the six since the first contact the 1st, 4th and 5th.
     found = metrics.summarise(trajectory, np.zeros((7, 3)), np.isin(np.arange(7), (3, 4)), np.ones(7))
     assert (found["in_95_share"], found["in_95_contact_share"], found["in_95_rest_share"]) == (1 / 6, 1 / 4, 0.0)
     assert found["in_95_final"]
@@ -100,7 +98,7 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
         88.36 / 4 + np.log(16e-12 * np.radians(1.0) ** 2) + 0.25 * 3 * np.log(100.0) + 3 * np.log(2 * np.pi)
     )
     assert found["nats"] == pytest.approx(likely) and found["nats_rescaled"] > found["nats"]
-    assert (found["silently_wrong_share"], found["silently_wrong_before_touch_share"]) == (0.5, pytest.approx(1 / 3))
+    assert found["silently_wrong_share"] == 0.5
 
 
 def test_ambiguous_is_a_share_of_the_frames_in_contact():
@@ -128,56 +126,3 @@ def test_the_summary_scores_frames_with_truth():
     assert list(blind) == list(found) and (blind["scored_frames"], blind["tactile"]) == (0, "none")
     scores = [key for key in blind if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))]
     assert {blind[key] for key in scores if not key.startswith(("ambiguous", "knock"))} == {None}
-
-
-def recovery(error: Any, knocks: list[int], rotation: Any = None, without: list[int] | None = None) -> dict[str, Any]:
-    """Return the recovery from knocks in 40 frames at 10 Hz, in contact but for the frames `without`."""
-    contact, knocked = np.ones(40, np.bool_), np.zeros(40, np.bool_)
-    contact[without or []], knocked[knocks] = False, True
-    rotation = np.zeros(40) if rotation is None else rotation
-    found = metrics.recovery(np.arange(40) / 10, contact, error, rotation, knocked)
-    return {key.removeprefix("knock_"): value for key, value in found.items()}
-
-
-def errors(**frames: Any) -> Any:
-    """Return errors [mm] of 2 mm but for ranges of frames, f5_13=20.0."""
-    error = np.full(40, 2.0)
-    for name, value in frames.items():
-        first, end = map(int, name.removeprefix("f").split("_"))
-        error[first:end] = value
-    return error
-
-
-def test_recovery_by_hand():
-    # Near for 0.3 s from frame 8, but not to stay; 0.2 s at the end are too short.
-    found = recovery(errors(f5_13=20.0, f8_12=3.0, f25_37=30.0), [5, 6, 25], without=[8, 9])
-    # Near from frame 13 on, 0.7 s after frame 6, of which two frames are not in contact.
-    assert (found["knocks"], found["recovery_contact_s"]) == (2, [pytest.approx(0.5), None])
-    # Frames 7 to 24 but for two of them, and 26 to 39.
-    assert found["contact_s"] == [pytest.approx(1.6), pytest.approx(1.4)]
-
-
-@pytest.mark.parametrize(
-    ("error", "rotation", "knocks", "expected"),
-    [
-        (errors(f20_21=10.1), None, [5, 25], [1.6, 0.0]),  # near for 1.5 s is not to stay
-        (errors(f24_25=10.1), None, [5, 25], [None, 0.0]),  # off before the next knock
-        (errors(f0_40=9.9), np.full(40, -4.9), [20, 21], [0.0]),  # never off
-        (errors(), np.where(np.isin(np.arange(40), range(20, 24)), -5.1, 0.0), [20], [0.4]),
-        (errors(f5_8=20.0), None, [5, 10], [None, 0.0]),  # near for 0.1 s before the next knock
-        (errors(f5_8=20.0, f10_20=np.nan, f22_40=np.nan), None, [5], [0.3]),  # scored frames only
-        (errors(f5_8=20.0, f10_20=np.nan, f21_40=np.nan), None, [5], [None]),
-        (errors(f0_40=np.nan), None, [3, 8], [None, None]),
-    ],
-)
-def test_times_of_recovery(error, rotation, knocks, expected):
-    found = recovery(error, knocks, rotation)["recovery_contact_s"]
-    assert found == [each if each is None else pytest.approx(each) for each in expected]
-
-
-def test_without_knocks_and_between_a_knock_and_the_next_touch():
-    none = recovery(errors(), [])
-    assert (none["knocks"], none["recovery_contact_s"]) == (0, [])
-    knocked = np.array([0, 1, 1, 0, 0, 0, 1, 0, 0], np.bool_)
-    contact = np.array([1, 1, 0, 0, 1, 1, 1, 1, 0], np.bool_)
-    np.testing.assert_array_equal(metrics.before_next_touch(knocked, contact), [0, 0, 1, 1, 0, 0, 0, 0, 0])

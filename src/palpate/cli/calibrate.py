@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.console import print_line, progress_bar, report
+from palpate.cli.console import print_line, report
 from palpate.cli.options import Force, Json, Orientation, arg, check_new
 from palpate.cli.recordings import about_calibration
 from palpate.errors import FileError, SettingError
@@ -51,12 +51,12 @@ def calibrate(
     from palpate.files import in_file
     from palpate.lab.train.samples import presses_of
     from palpate.touch.background import background_of
-    from palpate.touch.calibration import Calibration, misfit, write_calibration
+    from palpate.touch.calibration import Calibration, write_calibration
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
     from palpate.touch.press_calibration import learn_from_presses, read_presses, untouched_frames, untouched_images
     from palpate.touch.touch_model import TouchModel, shipped_model
-    from palpate.types.images import camera_view, read_image, scaled
+    from palpate.types.images import camera_view, fitted, read_image
     from palpate.types.sensor import DIGIT, known_sensor
 
     is_table = presses is not None and presses.suffix.lower() == ".csv"
@@ -64,8 +64,6 @@ def calibrate(
         file = presses  # shows the untouched gel between presses
     if (file is None) == (not untouched):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
-    if model is not None and presses is None:
-        raise SettingError("calibrate: --model is only used with --presses")
     check_new(out, force)
     paths = [path for path in (file, None if is_table else presses) if path is not None]
     recordings = {path: formats.load_recording(path).oriented(orientation) for path in paths}
@@ -77,36 +75,28 @@ def calibrate(
     size, view = (profile.image_height, profile.image_width), camera_view(orientation)
 
     def look(path: Path) -> "Image":
-        return scaled(view.of(read_image(path)), size)
+        with in_file(path):
+            return fitted(read_image(path), size, view)
 
     if presses is not None:
         still = [look(each) for each in untouched] if file is None else list(untouched_images(recordings[file]))
-        given = read_presses(presses, look, in_order=True) if is_table else presses_of(recordings[presses])
+        pressed = read_presses(presses, look, in_order=True) if is_table else presses_of(recordings[presses])
         with in_file(presses):
-            if model is None and any(map(is_grey, (*still, *given.images))):
+            if model is None and any(map(is_grey, (*still, *pressed.images))):
                 raise FileError(GREY)
             reader = TouchModel(model) if model else shipped_model(profile.name)
-            fit = learn_from_presses(given, still, profile, reader)
+            fit = learn_from_presses(pressed, still, profile, reader)
         calibration = fit.calibration
-        numbers: dict[str, Any] = {
-            "presses": len(given.images),
-            "keeps_left_and_right": calibration.view.keeps_left_and_right,
-            "scatter_deg": math.degrees(fit.scatter),
-        }
-    elif file is not None:
-        frames = len(untouched_frames(recordings[file]))
-        with progress_bar("calibrating", frames) as progress:
-            background = background_of(untouched_images(recordings[file], progress))
-        calibration, numbers = Calibration(background), {"frames": frames}
+        keeps = calibration.view.keeps_left_and_right
+        numbers: dict[str, Any] = {"presses": len(pressed.images), "keeps_left_and_right": keeps}
+        numbers["scatter_deg"] = math.degrees(fit.scatter)
     else:
-        images = [look(each) for each in untouched]
-        for name, image in zip(untouched, images, strict=True):
-            if image.shape != images[0].shape:
-                sizes = ["{} x {} px".format(*each.shape) for each in (image, images[0])]
-                raise FileError(f"{name}: is an image of {sizes[0]}, and {untouched[0]} of {sizes[1]}")
-        calibration, numbers = Calibration(background_of(images), file=untouched[0]), {"images": len(images)}
-        if sensor and (wrong := misfit(calibration, profile)):
-            raise FileError(wrong)
+        if file is None:
+            images, numbers = [look(each) for each in untouched], {"images": len(untouched)}
+        else:
+            frames = len(untouched_frames(recordings[file]))
+            images, numbers = untouched_images(recordings[file]), {"frames": frames}
+        calibration = Calibration(background_of(images))
     write_calibration(calibration, out, overwrite=force)
     files = {"file": file and str(file), "out": str(out)}
     report(json, "calibration", files | numbers | about_calibration(calibration))

@@ -22,7 +22,6 @@ NAMES = {
     "nats_rescaled": "with the best factor on covariances [nats]",
     "crps": "CRPS in contact",
     "sigma": "sigma in contact",
-    "knock_recovery_contact": "recovered after, in contact",
     "episodes": "contacts",
 }
 """Names of keys, without their units, that say too little by themselves."""

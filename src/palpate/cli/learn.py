@@ -135,7 +135,12 @@ def tune(
             """Write the settings of a tuning, and return what is said of it."""
             show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
             before, after = tuning.held_out or (None, None)
-            judged = {"before": tuning.before, "after": tuning.after, "held_out_before": before, "held_out_after": after}
+            judged = {
+                "before": tuning.before,
+                "after": tuning.after,
+                "held_out_before": before,
+                "held_out_after": after,
+            }
             found = about | {
                 "evaluations": tuning.evaluations,
                 "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},

@@ -23,7 +23,7 @@ from palpate.errors import SettingError
 
 SHOWN = (
     *("final_mm", "final_deg", "contact_inside_95", "final_inside_95", "silently_wrong", "nats", "ambiguous"),
-    *("knocks", "recovered_in_2s", "lost", "sequences"),
+    *("knocks", "lost", "sequences"),
 )
 """Columns of the table that is printed, by their keys in `results.json`."""
 

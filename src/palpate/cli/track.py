@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.console import complain, print_json, print_line, print_rows, progress_bar, report
+from palpate.cli.console import print_json, print_line, progress_bar, report
 from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg, positional
-from palpate.errors import PalpateError, SettingError
+from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate.types.recording import Recording
@@ -16,17 +16,14 @@ if TYPE_CHECKING:
 SCORES = (
     *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
     *("nees_mean", "nats", "nats_rescaled", "crps_mm", "sigma_mm"),
-    *("in_95_share", "in_95_contact_share", "in_95_rest_share", "silently_wrong_share"),
+    *("in_95_share", "in_95_contact_share", "in_95_rest_share", "silently_wrong_share", "knocks"),
 )
-"""Keys of `summary.json` in the tables of one run and of several."""
-KNOCKS = ("knocks", "knock_recovery_contact_s", "silently_wrong_before_touch_share")
-"""The same of a run with knocks."""
+"""Keys of `summary.json` in the table."""
 
 
 def track(
-    files: Annotated[
-        tyro.conf.Positional[tuple[Path, ...]],
-        positional("FILE...", "Recordings in any known format, or bags of ROS messages."),
+    file: Annotated[
+        tyro.conf.Positional[Path], positional("FILE", "A recording in any known format, or a bag of ROS messages.")
     ],
     /,
     *,
@@ -40,12 +37,12 @@ def track(
     html: bool = False,
     force: Force = False,
 ) -> int:
-    """Track the object of each recording, and write poses, covariances, scores and a figure to a folder.
+    """Track the object of a recording, and write poses, covariances, scores and a figure to a folder.
 
     Example: palpate track push.mcap --first-pose 0.1 0 0.3 --first-pose-sigma 0.01 0.01 0.1
 
     Args:
-        out: Folder of the run; for several FILEs, the folder of their runs.
+        out: Folder of the run.
         mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
         html: Write a page that shows the push in any browser, page.html.
     """
@@ -55,57 +52,25 @@ def track(
     from palpate.pipeline.track import track as track_recording
     from palpate.types.space import flat
 
-    folders = run_folders(files, out)
+    folder = out or Path("runs") / ((file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name)
     settings = estimator.settings(touch.tactile)
     first_pose, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
     known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
+    with new_run(folder, force) as part:
+        recording, plane = bag.read(file)
+        if mcap:
+            nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
+        with progress_bar(file.name, len(recording)) as progress:
+            run = track_recording(recording, settings, first_pose, **known, progress=progress)
+        write_files(run, part, (plane or flat()) if mcap else None)
+        if html:
+            from palpate.viewer.page import write_page
 
-    def track_file(file: Path, folder: Path) -> dict[str, Any]:
-        with new_run(folder, force) as part:
-            recording, plane = bag.read(file)
-            if mcap:
-                nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
-            with progress_bar(file.name, len(recording)) as progress:
-                run = track_recording(recording, settings, first_pose, **known, progress=progress)
-            write_files(run, part, (plane or flat()) if mcap else None)
-            if html:
-                from palpate.viewer.page import write_page
-
-                with drawing(PAGE):
-                    write_page(run, file.name, part / PAGE)
-        return run.summary
-
-    if len(files) == 1:
-        report_run(track_file(files[0], folders[0]), folders[0], json)
-        return 0
-    runs: list[dict[str, Any]] = []
-    failed: list[dict[str, str]] = []
-    for file, folder in zip(files, folders, strict=True):
-        try:
-            runs.append({"file": str(file), "folder": str(folder), **track_file(file, folder)})
-        except PalpateError as error:
-            complain(error)
-            failed.append({"file": str(file), "error": str(error)})
-    if json:
-        print_json({"runs": runs, "failed": failed})
-    elif runs:
-        print_rows("scores", {Path(run["folder"]).name: {key: run[key] for key in SCORES} for run in runs})
-        print_line(f"runs: {folders[0].parent}")
-    return 3 if failed else 0
-
-
-def run_folders(files: tuple[Path, ...], out: Path | None) -> list[Path]:
-    """Return the folder of each file's run. Raises SettingError without files, and if two folders would be the same."""
-    if not files:
-        raise SettingError("track: no FILE given; name one or more recordings")
-    if len(files) == 1 and out is not None:
-        return [out]
-    stems = ((file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name for file in files)
-    folders = [(out or Path("runs")) / stem for stem in stems]
-    if twice := next((folder for folder in folders if folders.count(folder) > 1), None):
-        raise SettingError(f"several files would go to {twice}; track them one by one, each with its --out")
-    return folders
+            with drawing(PAGE):
+                write_page(run, file.name, part / PAGE)
+    report_run(run.summary, folder, json)
+    return 0
 
 
 def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = False) -> int:
@@ -153,7 +118,7 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
         print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
     keys = ("frames", "contact_frames", "episodes", "scored_frames", *SCORES, "step_ms", "statuses")
     rows = {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
-    rows |= {key: summary[key] for key in (*keys, *(KNOCKS if summary["knocks"] else ()))}
+    rows |= {key: summary[key] for key in keys}
     report(json, f"tactile {summary['tactile']}, {summary['smoother']}", rows)
     print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
 

@@ -1,4 +1,4 @@
-"""Scores of a tracked trajectory: errors, coverage, consistency, and recovery after knocks.
+"""Scores of a tracked trajectory: errors, coverage and consistency.
 
 Frames without trusted ground truth have NaN errors and are not scored.
 """
@@ -19,8 +19,6 @@ Flags = NDArray[np.bool_]
 CONTENT = ("tracking", "resting")
 """Statuses of an estimate that reports no doubt."""
 PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
-LASTING = 0.3
-"""Scored time for which an estimate has to be near to have recovered [s]: at the very end it may be near by chance."""
 
 
 def translation_errors(pose: ArrayLike, truth: ArrayLike) -> Array:
@@ -68,7 +66,7 @@ def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
     return -0.5 * (np.asarray(nees) + log_determinant + 3.0 * np.log(2.0 * np.pi))
 
 
-def gain_by_rescaling(nees: ArrayLike) -> float:
+def gain_by_rescaling(nees: Array) -> float:
     """Return the gain of a mean log likelihood [nats] by the best common factor on covariances, mean NEES / 3."""
     mean = max(float(np.mean(nees)), 1e-12)  # of estimates without any error, the gain would be infinite
     return 0.5 * (mean - 3.0 - 3.0 * float(np.log(mean / 3.0)))
@@ -129,7 +127,7 @@ def summarise(
     moves the object. Final errors are of the last frame with truth. Shares `in_95` and `silently_wrong` are of the
     frames since the first contact; silently wrong is an estimate that `is_far` off and outside its 95 % region with a
     status in CONTENT. `nats`, `crps_mm` (of x and y in the body frame) and sigmas are of frames in contact.
-    `recovery` leaves the yaw out unless `yaw_shows`, which that of a disc does not.
+    `yaw_shows` is False for a disc.
     """
     contact, status, covariance = online.contact, online.status, online.covariance
     assert contact is not None and status is not None and covariance is not None
@@ -173,9 +171,8 @@ def summarise(
         "in_95_rest_share": _mean(inside[since & ~contact]),
         "in_95_final": bool(inside[since][-1]) if since.any() else None,
         "silently_wrong_share": _mean(silent[since]),
-        "silently_wrong_before_touch_share": _mean((silent & before_next_touch(knocked, contact))[since]),
         "ambiguous_share": _mean((np.array(status) == "ambiguous")[contact]),
-        **recovery(online.time, contact, translation, rotation if yaw_shows else 0.0 * rotation, knocked),
+        "knocks": len(flag_runs(knocked)),
     }
 
 
@@ -184,37 +181,7 @@ def since_contact(contact: Flags, nees: Array) -> Flags:
     return np.maximum.accumulate(contact) & np.isfinite(nees)
 
 
-def before_next_touch(knocked: Flags, contact: Flags) -> Flags:
-    """Return True at frames (N,) between a knock and the next contact."""
-    frames = np.arange(len(knocked))
-    last_knocked, last_touched = (np.maximum.accumulate(np.where(flags, frames, -1)) for flags in (knocked, contact))
-    return last_knocked > last_touched
-
-
-def recovery(time: Array, contact: Flags, translation: Array, rotation: Array, knocked: Flags) -> dict[str, Any]:
-    """Return the number of knocks, and lists with a value for each, from times [s], errors [mm] and [deg] and flags.
-
-    - knock_recovery_contact_s: time in contact from its last frame until the estimate is near the truth (not `is_far`)
-      and stays so until the next knock or the end; None where it does not, or is near for less than LASTING.
-    - knock_contact_s: time in contact until the last scored frame before the next knock or the end.
-    """
-    interval = np.diff(time, prepend=time[0])
-    scored, far = np.isfinite(translation), is_far(translation, rotation)
-    in_contact, in_score = np.cumsum(interval * contact), np.cumsum(interval * scored)
-    runs = flag_runs(knocked)
-    recovered: list[float | None] = []
-    followed: list[float] = []
-    ends = [*(first for first, _ in runs), len(time)][1:]
-    for (_, last), following in zip(runs, ends, strict=True):
-        frames = last + np.flatnonzero(scored[last:following])
-        near = frames[np.cumsum(far[frames][::-1])[::-1] == 0]  # those that no far one follows
-        lasts = len(near) > 0 and in_score[near[-1]] - in_score[near[0]] > LASTING - 1e-9
-        recovered.append(float(in_contact[near[0]] - in_contact[last]) if lasts else None)
-        followed.append(float(in_contact[frames[-1] if len(frames) else last] - in_contact[last]))
-    return {"knocks": len(runs), "knock_recovery_contact_s": recovered, "knock_contact_s": followed}
-
-
-def _mean(values: Array) -> float | None:
+def _mean(values: Array | Flags) -> float | None:
     return float(np.mean(values)) if len(values) else None
 
 

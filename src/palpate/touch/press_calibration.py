@@ -48,8 +48,8 @@ def untouched_frames(recording: Recording) -> NDArray[np.int64]:
     return np.flatnonzero(near < 0.5)
 
 
-def untouched_images(recording: Recording, progress: Callable[[int], None] | None = None) -> Iterator[Image]:
-    """Yield the images of a recording's frames without contact; `progress` is called with the number of them.
+def untouched_images(recording: Recording) -> Iterator[Image]:
+    """Yield the images of a recording's frames without contact.
 
     Raises FileError without images, with fewer than NEEDED such frames, or if a touch that begins or ends shows.
     """
@@ -61,7 +61,7 @@ def untouched_images(recording: Recording, progress: Callable[[int], None] | Non
         found = f"found {len(frames)} frames more than {MARGIN} away from a contact"
         raise FileError(f"{name}: {found}, a calibration needs {NEEDED}")
     detector = ContactDetector(recording.sensor)
-    for done, index in enumerate(frames.tolist(), 1):
+    for index in frames.tolist():
         image = recording[index].image
         assert image is not None
         if detector.update(detector.read(image)):
@@ -70,8 +70,6 @@ def untouched_images(recording: Recording, progress: Callable[[int], None] | Non
                 f"allowed is {START:.0%}: calibrate on frames without contact"
             )
         yield image
-        if progress is not None:
-            progress(done)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.lab.study.results import recovered, table
+from palpate.lab.study.results import table
 from palpate.lab.study.study import Trial
 
 
@@ -34,12 +34,6 @@ def trial(final_mm: float, method: str = "none", group: str = "disc", **summary:
         contact=np.array([False, True, True, False]),
         step_ms=np.ones(4),
     )
-
-
-def knocks(*taken_and_until):
-    """Return a summary of knocks, each with seconds in contact until recovery and until the next one."""
-    taken, until = zip(*taken_and_until, strict=True)
-    return {"knocks": len(taken), "knock_recovery_contact_s": list(taken), "knock_contact_s": list(until)}
 
 
 def test_table_by_hand():
@@ -80,31 +74,12 @@ def test_coverage_of_contact_rest_and_final_poses_by_hand():
 
 def test_silence_ambiguity_and_knocks_in_the_table_by_hand():
     trials = [
-        trial(1.0, silently_wrong_share=0.2, silently_wrong_before_touch_share=0.1, **knocks((0.5, 4.0), (2.0, 2.5))),
-        trial(2.0, silently_wrong_share=0.0, ambiguous_share=0.5, contact_frames=10, **knocks((2.1, 3.0))),
+        trial(1.0, silently_wrong_share=0.2, knocks=2),
+        trial(2.0, silently_wrong_share=0.0, ambiguous_share=0.5, contact_frames=10, knocks=1),
         trial(3.0, ambiguous_share=0.0, contact_frames=30),
     ]
     row = table(trials, ("none",))["disc"]["none"]
-    assert (row["silently_wrong"], row["silently_wrong_before_touch"], row["knocks"]) == (pytest.approx(0.1), 0.1, 3)
-    assert (row["recovery_contact_s"], row["recovered_in_2s"]) == (2.0, pytest.approx(2 / 3))
+    assert (row["silently_wrong"], row["knocks"]) == (pytest.approx(0.1), 3)
     assert row["ambiguous"] == pytest.approx(5 / 40)
     unknown = table([trial(3.0)], ("none",))["disc"]["none"]
-    assert (unknown["silently_wrong"], unknown["ambiguous"], unknown["recovered_in_2s"]) == (None, None, None)
-
-
-@pytest.mark.parametrize(
-    ("each", "recovery", "soon"),
-    [
-        ([(0.5, 3.0), (1.5, 3.0)], 0.5, 1.0),
-        ([(1.0, 3.0), (None, 3.0)], 1.0, 0.5),
-        ([(None, 3.0)], None, 0.0),
-        # Nobody knows of 2 s if half of the knocks are followed up to 1 s only.
-        ([(0.5, 3.0), (None, 1.0)], 0.5, None),
-        # One of four recovers at 0.5 s; two are followed up to 1 s only, and the last recovers at 1.5 s.
-        ([(0.5, 3.0), (None, 1.0), (None, 1.0), (1.5, 3.0)], 1.5, 1.0),
-        # One of three is followed up to 0.1 s; one of the two others recovers.
-        ([(None, 0.1), (1.0, 3.0), (None, 9.0)], 1.0, 0.5),
-    ],
-)
-def test_recovery_by_hand(each, recovery, soon):
-    assert recovered([knocks(*each)]) == {"recovery_contact_s": recovery, "recovered_in_2s": soon}
+    assert (unknown["silently_wrong"], unknown["ambiguous"]) == (None, None)

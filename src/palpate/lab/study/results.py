@@ -76,9 +76,8 @@ def table(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, dict[str
     contact_inside_95, rest_inside_95, final_inside_95: share of frames in contact, at rest, and of the last ones;
     nats: {stated, rescaled}, mean log likelihood of frames in contact, and with the best factor on covariances;
     crps_mm, sigma_mm: means over sequences;
-    silently_wrong, silently_wrong_before_touch: mean of the share of such frames, see `metrics.summarise`;
-    knocks: their number, with recovery_contact_s and recovered_in_2s, see `recovered`;
-    lost: their number;
+    silently_wrong: mean of the share of such frames, see `metrics.summarise`;
+    knocks, lost: their number;
     and of all sequences ambiguous: share of the frames in contact with that status, and step_ms: {p50, p95, p99},
     medians over sequences. Unknown values are None.
     """
@@ -98,29 +97,6 @@ def is_lost(trial: Trial) -> bool:
     )
 
 
-def recovered(summaries: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
-    """Return the median time in contact until recovery from a knock, and the share recovered from within 2 s.
-
-    A knock may be followed by the next one or the end first: the estimate of Kaplan and Meier leaves open how long that
-    recovery would have taken. A value beyond the longest time that any knock was followed for is None.
-    """
-    from scipy.stats import CensoredData, ecdf  # takes a second to import
-
-    soon = 2.0
-    taken = [each for summary in summaries for each in summary.get("knock_recovery_contact_s") or ()]
-    until = [each for summary in summaries for each in summary.get("knock_contact_s") or ()]
-    if not until:
-        return {"recovery_contact_s": None, "recovered_in_2s": None}
-    seconds = [end if each is None else each for each, end in zip(taken, until, strict=True)]
-    lasting = ecdf(CensoredData.right_censored(seconds, [each is None for each in taken])).sf
-    half = lasting.quantiles[lasting.probabilities <= 0.5]
-    is_known = max(seconds) >= soon or lasting.probabilities[-1] == 0.0
-    return {
-        "recovery_contact_s": float(half[0]) if len(half) else None,
-        "recovered_in_2s": float(1.0 - lasting.evaluate(soon)) if is_known else None,
-    }
-
-
 def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Trial]) -> None:
     """Write `results.json` and `sequences.csv`, the summaries of trials without lists, each whole or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -130,7 +106,6 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
     for trial in trials:
         row = {"recording": trial.recording, "group": trial.group, "tactile": trial.method, "lost": is_lost(trial)}
         row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
-        row |= recovered([trial.summary])
         rows.append(row | {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()})
     write_rows(folder / "sequences.csv", rows)
 
@@ -181,9 +156,7 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
         "crps_mm": _of(fmean, known("crps_mm")),
         "sigma_mm": _of(fmean, known("sigma_mm")),
         "silently_wrong": _of(fmean, known("silently_wrong_share")),
-        "silently_wrong_before_touch": _of(fmean, known("silently_wrong_before_touch_share")),
         "knocks": sum(known("knocks")),
-        **recovered([trial.summary for trial in scored]),
         "lost": sum(map(is_lost, scored)),
         "ambiguous": sum(ambiguous) / sum(each["contact_frames"] for each in judged) if judged else None,
         "step_ms": {
