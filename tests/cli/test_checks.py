@@ -53,16 +53,16 @@ def test_a_clean_push_has_no_findings(check):
     found = check(push())
     assert found["findings"] == []
     assert (found["frames"], found["contact"], found["images"], found["image_size"]) == (90, "measured", 0, None)
-    assert (found["rate"], found["duration"]) == (pytest.approx(30.0), pytest.approx(89 / 30))
+    assert (found["rate_hz"], found["duration_s"]) == (pytest.approx(30.0), pytest.approx(89 / 30))
     assert (found["contact_share"], found["truth_share"]) == (1.0, 1.0)
-    assert [(each["start"], each["end"]) for each in found["contacts"]] == [(0.0, pytest.approx(89 / 30))]
+    assert [(each["start_s"], each["end_s"]) for each in found["contacts"]] == [(0.0, pytest.approx(89 / 30))]
 
 
 def test_recordings_with_less(check):
     found = check(push(object_pose=None, contact=None))
     assert (found["contact"], found["truth_share"], found["findings"]) == ("absent", 0.0, [])
     found = check(push(1))
-    assert (found["rate"], found["jitter"], found["duration"]) == (None, None, 0.0)
+    assert (found["rate_hz"], found["jitter_s"], found["duration_s"]) == (None, None, 0.0)
     assert check(push(contact_derived=True))["contact"] == "derived"
 
 
@@ -83,61 +83,19 @@ def test_drop_outs_of_truth(check):
     found = check(shifted([*range(40, 45), 47], np.nan))
     (finding,) = found["findings"]
     assert finding["kind"] == "drop-out" and found["truth_share"] == pytest.approx(1 - 6 / 90)
-    assert (finding["start"], finding["end"]) == (pytest.approx(40 / 30), pytest.approx(47 / 30))
+    assert (finding["start_s"], finding["end_s"]) == (pytest.approx(40 / 30), pytest.approx(47 / 30))
     assert "6 frames" in finding["sentence"]
 
 
-@pytest.mark.parametrize(
-    ("frames", "kind"), [(slice(50, 51), "jump"), (slice(50, None), "knock")], ids=["and back", "for good"]
-)
-def test_jumps_of_truth(check, frames, kind):
-    assert set(kinds(check(shifted(frames, 0.02)))) == {kind}
+def test_a_jump_of_truth(check):
+    assert set(kinds(check(shifted(slice(50, 51), 0.02)))) == {"jump"}
 
 
-def test_a_shove_is_a_knock_and_breaks_nothing(check):
-    found = check(shifted(slice(50, None), np.minimum(np.arange(40) * 0.006, 0.024)))
-    (knock,) = found["findings"]
-    # 6 mm sideways and 1 mm on for each of 4 frames: sqrt(24^2 + 4^2) = 24.3 mm.
-    assert knock["kind"] == "knock" and "24.3 mm" in knock["sentence"]
-    assert (knock["start"], knock["end"]) == (pytest.approx(50 / 30, abs=0.04), pytest.approx(54 / 30, abs=0.04))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_of_the_capture_is_no_knock(check, seed):
-    # 0.2 mm a frame, slower than noise of 0.4 mm and 0.35 degrees, and a hand at the end.
-    noise = np.random.default_rng(seed).normal(size=(90, 3)) * [4e-4, 4e-4, np.radians(0.35)]
-    tip = 0.2 * push().sensor_pose
-    slow = push(sensor_pose=tip, object_pose=noise + tip + np.array([SIZE / 2, 0.0, 0.0]))
-    assert kinds(check(slow)) == []
-    shoved = slow.object_pose + np.clip(np.arange(90) - 70, 0, 4)[:, None] * [0.0, 0.006, 0.0]
-    assert kinds(check(replace(slow, object_pose=shoved))) == ["knock"]
-
-
-def test_sliding_and_turning_in_a_push_is_no_knock(check):
-    # Without friction, at offset d = c from the centre, v = c^2 / (c^2 + d^2) = 1/2 and omega = 1 / (2 c): the far
-    # corner moves 1.4 times as fast as the tip.
-    n, c = 30, palpate.Rectangle(SIZE, SIZE).friction_radius()
-    s = np.arange(n) * STEP
-    truth = np.column_stack([SIZE / 2 + s / 2, np.full(n, c), s / (2 * c)])
-    assert "knock" not in kinds(check(push(n, object_pose=truth)))
-
-
-def test_contacts_begin_and_end_with_flags(check):
-    contact = np.ones(90, bool)
-    contact[40:50] = False
-    found = check(push(contact=contact))
-    (finding,) = found["findings"]  # truth goes on meanwhile
-    assert finding["kind"] == "untouched motion"
-    assert "9.0 mm" in finding["sentence"] and "nothing touches it" in finding["sentence"]
-    ends = [(each["start"], each["end"]) for each in found["contacts"]]
-    assert ends == [(0.0, pytest.approx(39 / 30)), (pytest.approx(50 / 30), pytest.approx(89 / 30))]
-
-
-def test_time_gaps_break_contact_only(check):
+def test_time_gaps(check):
     late = push().time + 0.5 * (np.arange(90) >= 30)
     found = check(push(time=late))
     (gap,) = found["findings"]
-    assert gap["kind"] == "time gap" and "0.53 s during contact" in gap["sentence"]
+    assert gap["kind"] == "time gap" and "0.53 s" in gap["sentence"]
     assert kinds(check(push(time=late, contact=np.zeros(90, bool), object_pose=None))) == ["time gap"]
 
 
@@ -165,5 +123,4 @@ def test_damaged_images(check):
 
 def test_real_pushes_by_two_fingers(json_of, shared_data: Path):
     fingers = [json_of("info", file) for file in sorted((shared_data / "cmu_two_finger").glob("*.txt"))]
-    assert not any("knock" in kinds(each) for each in fingers)  # a camera's noise is none
     assert all("time gap" in kinds(each) for each in fingers)

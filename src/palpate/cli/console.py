@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from palpate.errors import printable
@@ -45,7 +46,8 @@ def report(json: bool, title: str, data: dict[str, Any]) -> None:
     }
     print_table(quantities(title, {key: value for key, value in data.items() if key not in tables}))
     for key, rows in tables.items():
-        print_rows(key.replace("_", " "), rows)
+        title = key.replace("_", " ") + (f": the first 20 of {len(rows)}" if len(rows) > 20 else "")
+        print_rows(title, dict(islice(rows.items(), 20)))
 
 
 def quantities(title: str, data: Mapping[str, Any]) -> "Table":
@@ -67,7 +69,7 @@ def cell(key: str, value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name} {cell(key, each)}" for name, each in value.items()) or "-"
     if isinstance(value, list | tuple):
-        return ", ".join(cell(key, each) for each in value) or "-"
+        return f"{len(value)}" if len(value) > 20 else ", ".join(cell(key, each) for each in value) or "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

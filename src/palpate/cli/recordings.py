@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from palpate.cli.console import print_json, print_line, print_rows, print_table, progress_bar, quantities, report
+from palpate.cli.console import print_line, progress_bar, report
 from palpate.cli.options import Bag, Force, Json, Orientation, arg, check_new, positional
 from palpate.errors import FileError, printable
 
@@ -28,6 +28,8 @@ def info(
     Example: palpate info push.mcap
     """
     from palpate import io as formats
+    from palpate.geometry.shapes import shape_to_dict
+    from palpate.pipeline.check_recording import check_recording
 
     kind = formats.detect_format(file)
     if kind is None and file.suffix.lower() == ".npz":
@@ -38,7 +40,11 @@ def info(
     elif kind == "bag":
         _show_bag(file, orientation, json)
     else:
-        _show_recording(file, kind, orientation, json)
+        with progress_bar(f"inspecting {file.name}"):
+            recording = formats.load_recording(file).oriented(orientation)
+            found = check_recording(recording)
+        about = {"file": str(file), "format": kind, "source": recording.source, "sensor": recording.sensor.name}
+        report(json, file.name, about | {"shape": shape_to_dict(recording.shape)} | found)
     return 0
 
 
@@ -114,35 +120,6 @@ def about_calibration(calibration: "Calibration") -> dict[str, Any]:
         "scale": direction.scale if is_measured else None,
         "scale_sigma": direction.scale_sigma,
     }
-
-
-def _show_recording(file: Path, kind: str | None, orientation: str, json: bool) -> None:
-    from palpate import io as formats
-    from palpate.geometry.shapes import shape_to_dict
-    from palpate.pipeline.check_recording import check_recording
-    from palpate.types.sensor import sensor_to_dict
-
-    with progress_bar(f"inspecting {file.name}"):
-        recording = formats.load_recording(file).oriented(orientation)
-        found = check_recording(recording)
-    shape = shape_to_dict(recording.shape)
-    about: dict[str, Any] = {"file": str(file), "format": kind, "source": recording.source, "shape": shape}
-    if json:
-        print_json(about | {"sensor": sensor_to_dict(recording.sensor), "pose_sources": recording.frames} | found)
-        return
-    if "vertices" in shape:
-        shape["vertices"] = len(shape["vertices"])
-    contacts, findings = found.pop("contacts"), found.pop("findings")
-    units = {"duration": "duration_s", "rate": "median rate_hz", "jitter": "jitter_s"}
-    about |= {"sensor": recording.sensor.name, **{f"{name} is": words for name, words in recording.frames.items()}}
-    print_table(quantities(file.name, about | {units.get(key, key): value for key, value in found.items()}))
-    for title, some in (("contacts", contacts), ("findings", findings)):
-        begin = recording.time[0]
-        rows = [{"start_s": one.pop("start") - begin, "end_s": one.pop("end") - begin, **one} for one in some[:20]]
-        if rows:
-            print_rows(title if len(some) <= 20 else f"{title}: the first 20 of {len(some)}", dict(enumerate(rows)))
-    if not findings:
-        print_line("nothing is wrong with it")
 
 
 def _show_bag(path: Path, orientation: str, json: bool) -> None:
