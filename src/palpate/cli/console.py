@@ -2,15 +2,12 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from palpate.errors import printable
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 UNITS = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg", "nats": "nats"}
 """Ends of keys, as in `delay_s`, and their units."""
@@ -44,24 +41,18 @@ def report(json: bool, title: str, data: dict[str, Any]) -> None:
         for key, rows in several.items()
         if isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())
     }
-    print_table(quantities(title, {key: value for key, value in data.items() if key not in tables}))
+    quantities = [(*_name_and_unit(key), cell(key, value)) for key, value in data.items() if key not in tables]
+    _print_table(title, ("quantity", "value", "unit"), [(name, value, unit) for name, unit, value in quantities])
     for key, rows in tables.items():
-        title = key.replace("_", " ") + (f": the first 20 of {len(rows)}" if len(rows) > 20 else "")
-        print_rows(title, dict(islice(rows.items(), 20)))
-
-
-def quantities(title: str, data: Mapping[str, Any]) -> "Table":
-    """Return a table of quantities with their units."""
-    rows = [(name, cell(key, value), unit) for key, value in data.items() for name, unit in [_name_and_unit(key)]]
-    return _table(title, ("quantity", "value", "unit"), rows, "left")
+        print_rows(key.replace("_", " ") + (f": the first 20 of {len(rows)}" if len(rows) > 20 else ""), rows)
 
 
 def print_rows(title: str, rows: Mapping[Any, Mapping[str, Any]]) -> None:
-    """Print a table with a named row for each object; units are those of the keys."""
+    """Print a table with a named row for each object, 20 at most; units are those of the keys."""
     keys = list(dict.fromkeys(key for row in rows.values() for key in row))
     headings = [f"{name} [{unit}]" if unit else name for name, unit in map(_name_and_unit, keys)]
-    cells = [[str(name), *(cell(key, row.get(key)) for key in keys)] for name, row in rows.items()]
-    print_table(_table(title, ("", *headings), cells, "right"))
+    cells = [[str(name), *(cell(key, row.get(key)) for key in keys)] for name, row in islice(rows.items(), 20)]
+    _print_table(title, ("", *headings), cells)
 
 
 def cell(key: str, value: Any) -> str:
@@ -84,23 +75,17 @@ def _name_and_unit(key: str) -> tuple[str, str]:
     return NAMES.get(name, name.replace("_", " ")), unit
 
 
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], justify: Any) -> "Table":
-    """Return a table, all columns but the first aligned to one side. Long cells are wrapped, not cut off."""
+def _print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table. Long cells are wrapped, not cut off; one for a file is wide, as there is no window to wrap for."""
     from rich.box import SIMPLE_HEAD
+    from rich.console import Console
     from rich.table import Table
 
     table = Table(title=printable(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD)
-    for index, column in enumerate(columns):
-        table.add_column(column, justify=justify if index else "left", overflow="fold")
+    for column in columns:
+        table.add_column(column, overflow="fold")
     for row in rows:
         table.add_row(*map(printable, row))
-    return table
-
-
-def print_table(table: "Table") -> None:
-    """Print a table; one for a file is wide, since there is no window to wrap for."""
-    from rich.console import Console
-
     console = Console(highlight=False, markup=False)
     if not console.is_terminal:
         console.width = max(console.width, 240)

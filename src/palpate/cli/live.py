@@ -1,17 +1,12 @@
 """`palpate live`: tracks as it happens, shows it and records it."""
 
-import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from palpate.cli.console import complain, print_line, progress_bar, quantities, report
+from palpate.cli.console import complain, print_line, progress_bar, report
 from palpate.cli.options import Bag, Force, Json, Start, Touch, arg, check_new
 from palpate.errors import SettingError
-
-if TYPE_CHECKING:
-    from palpate.live.session import LiveSession
 
 
 def live(
@@ -29,8 +24,7 @@ def live(
 ) -> int:
     """Track as it happens: the newest image with the sensor's pose at its time; Ctrl-C ends it.
 
-    A table shows rate, latency, contact, status and pose; images that arrive faster than they are tracked are dropped
-    and counted.
+    A line shows status and pose; images that arrive faster than they are tracked are dropped and counted.
 
     Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 
@@ -45,8 +39,9 @@ def live(
     from palpate.io.outlines import load_shape
     from palpate.live.camera import camera_sources
     from palpate.live.recorder import recorder
-    from palpate.live.session import LiveSession, stop_on_signals
+    from palpate.live.session import LiveEstimate, LiveSession, stop_on_signals
     from palpate.live.sources import replayed
+    from palpate.pipeline.metrics import pose_words, world_sigma
     from palpate.pipeline.track import first_pose_of
     from palpate.touch.calibration import turned_as
     from palpate.tracker import Tracker
@@ -87,41 +82,21 @@ def live(
         settings = TrackerSettings(touch.tactile)
         sensor = turned_as(sources.sensor, unit)
         tracker = Tracker(shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
-        listen = record and stack.enter_context(recorder(record, shape, sources.sensor, force))
+        keep = record and stack.enter_context(recorder(record, shape, sources.sensor, force))
         stop = stack.enter_context(stop_on_signals())
         session = LiveSession(tracker, sources, complain)
-        stack.enter_context(live_table(f"palpate live: {name}", session))
+        bar = stack.enter_context(progress_bar(name))
+
+        def listen(item: Any) -> None:
+            if keep:
+                keep(item)
+            if isinstance(item, LiveEstimate):
+                one = item.estimate
+                words = pose_words(one.pose, world_sigma(one.pose, one.covariance))
+                bar(session.counts["tracked"], f"{one.status} {one.reason} {words}")
+
         session.run(stop, listen, float("inf") if seconds is None else seconds)
     report(json, "live", session.summary())
     if record and not json:
         print_line(f"recorded: {record}")
     return 0
-
-
-@contextmanager
-def live_table(title: str, session: "LiveSession") -> Iterator[None]:
-    """Show the table on standard error while the block runs; nothing is shown where that is no terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-    from rich.live import Live
-
-    console = Console(stderr=True)
-    with Live(get_renderable=lambda: quantities(title, shown(session)), console=console, transient=True):
-        yield
-
-
-def shown(session: "LiveSession") -> dict[str, Any]:
-    """Return the rows of the table of a session as it stands."""
-    from palpate.pipeline.metrics import pose_words, world_sigma
-
-    last, counts, found = session.last, session.counts, session.summary()
-    rows: dict[str, Any] = {"images_hz": found["rate_hz"]}
-    rows |= {name.replace("_", " "): counts[name] for name in ("tracked", "dropped", "without_pose", "refused_poses")}
-    if last:
-        one, latency = last.estimate, found["latency_ms"]
-        rows |= {"latency_ms": latency["p50"], "latency, 99 %_ms": latency["p99"], "contact": one.contact}
-        rows["status"] = f"{one.status}{one.reason and f': {one.reason}'}"
-        rows["object"] = pose_words(one.pose, world_sigma(one.pose, one.covariance))
-    return rows

@@ -92,7 +92,7 @@ def tune(
     settings: TrackerSettings,
     evaluations: int = 100,
     workers: int = 1,
-    progress: Callable[[Tuning], None] | None = None,
+    progress: Callable[[Tuning], object] | None = None,
 ) -> Tuning:
     """Tune the settings of `parameters_of`, starting from these; the same input gives the same result.
 
