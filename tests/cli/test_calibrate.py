@@ -51,7 +51,7 @@ def test_frames_without_contact_are_a_calibration(succeeds, json_of, fails):
     assert "--force replaces it" in fails("calibrate", "rest.mcap", "--out", "unit.npz")
     told = json_of("calibrate", "rest.mcap", "--out", "unit.npz", "--force")
     assert told.pop("noise_levels") == pytest.approx(2.0, abs=0.1)
-    shown = {"file": "rest.mcap", "out": "unit.npz", "frames": 56, "height": 48, "width": 32, "offset_deg": None}
+    shown = {"file": "rest.mcap", "out": "unit.npz", "frames": 56, "height": 48, "width": 32, "offset_sigma_deg": None}
     assert shown.items() <= told.items()
     lines = [line.split() for line in succeeds("info", "unit.npz").splitlines()]
     assert ["height", "48"] in lines and ["is", "view", "measured", "no"] in lines

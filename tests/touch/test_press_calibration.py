@@ -207,7 +207,7 @@ def test_the_command_finds_a_mirrored_camera(tmp_path, unit, presses, run_palpat
     assert info["view"] == str(calibration.view)
     assert run_palpate(*words)[0] == 2
     numbers = json.loads(run_palpate(*words, "--force", "--json")[1])
-    assert numbers["presses"] == 6 and (numbers["offset_deg"] is None) == in_order
+    assert numbers["presses"] == 6 and (numbers["offset_sigma_deg"] is None) == in_order
 
 
 def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, fails):

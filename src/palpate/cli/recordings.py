@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from palpate.cli.console import print_line, progress_bar, report
-from palpate.cli.options import Bag, Force, Json, Orientation, arg, check_new, positional
+from palpate.cli.options import Bag, Force, Json, Orientation, Sensor, arg, check_new, positional
 from palpate.errors import FileError, printable
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ def info(
     ],
     /,
     *,
+    sensor: Sensor = "digit",
     orientation: Orientation = "",
     json: Json = False,
 ) -> int:
@@ -38,7 +39,9 @@ def info(
         about = about_calibration(load_calibration(file))
         report(json, file.name, {"file": str(file), "format": "calibration", **about})
     elif kind == "bag":
-        _show_bag(file, orientation, json)
+        with progress_bar(f"inspecting {file.name}"):
+            about = _about_bag(file, sensor, orientation)
+        report(json, file.name, {"file": str(file), "format": "bag", **about})
     else:
         with progress_bar(f"inspecting {file.name}"):
             recording = formats.load_recording(file).oriented(orientation)
@@ -108,53 +111,41 @@ def about_calibration(calibration: "Calibration") -> dict[str, Any]:
 
     gel, direction = calibration.background, calibration.direction
     height, width = gel.mean.shape[:2]
-    has_noise, is_measured = gel.deviation.any(), direction.offset_sigma is not None
     return {
         "height": height,
         "width": width,
-        "noise_levels": float(np.median(gel.deviation)) if has_noise else None,  # a single image has none
+        "noise_levels": float(np.median(gel.deviation)) if gel.deviation.any() else None,  # a single image has none
         "view": str(calibration.view),
         "is_view_measured": calibration.is_view_known,
-        "offset_deg": degrees(direction.offset) if is_measured else None,
+        "offset_deg": degrees(direction.offset),
         "offset_sigma_deg": degrees(direction.offset_sigma) if direction.offset_sigma is not None else None,
-        "scale": direction.scale if is_measured else None,
+        "scale": direction.scale,
         "scale_sigma": direction.scale_sigma,
     }
 
 
-def _show_bag(path: Path, orientation: str, json: bool) -> None:
+def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
+    """Return the topics of a bag, what tracking would read, and the command that does or why there is none."""
     from palpate.geometry.shapes import Disc
-    from palpate.io.ros_messages import IMAGE_TYPES
     from palpate.io.rosbag_reader import contents
     from palpate.io.rosbag_recording import BagChoices, mapping, read_contents
     from palpate.pipeline.check_recording import check_recording
-    from palpate.types.sensor import SENSORS
+    from palpate.types.sensor import known_sensor
 
-    with progress_bar(f"inspecting {path.name}"):
-        found = contents(path)
-    images = poses = damaged = None
-    advice: list[str] = []
-    has_images = any(topic.channel.type in IMAGE_TYPES for topic in found.topics)
-    choices = BagChoices(orientation=orientation)
-    for name, sensor in SENSORS.items():
-        if has_images and not sensor.image_height:
-            continue
-        try:
-            chosen = mapping(found, choices, sensor)
-            with progress_bar(f"reading {path.name}"):
-                recording = read_contents(found, chosen, choices, Disc(0.05), sensor).recording
-        except FileError as error:
-            advice.append(str(error))
-        else:
-            images, poses = chosen.images, chosen.sensor.name
-            damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
-            given = f" --orientation {orientation}" if orientation else ""
-            option = given if name == "digit" else f" --sensor {name}{given}"
-            advice.insert(0, f"palpate track {found.path}{option} --shape NAME|FILE --first-pose X Y THETA")
-            if advice[1:] and "on their side" in advice[1]:
-                advice[0] += "; if they are a DIGIT's, with --orientation 90 in place of --sensor"
-            break
-    bag = {"file": str(path), "format": "bag", "cut": found.cut, "topics": [topic.about() for topic in found.topics]}
-    frames = {child: " or ".join(above) for child, above in found.parents.items()}
-    bag |= {"frames": frames, "images": images, "damaged_images": damaged, "sensor_poses": poses}
-    report(json, path.name, bag | {"advice": advice[0]})
+    found, choices, profile = contents(path), BagChoices(orientation=orientation), known_sensor(sensor)
+    bag: dict[str, Any] = {"cut": found.cut, "topics": [topic.about() for topic in found.topics]}
+    bag["frames"] = {child: " or ".join(above) for child, above in found.parents.items()}
+    try:
+        chosen = mapping(found, choices, profile)
+        recording = read_contents(found, chosen, choices, Disc(0.05), profile).recording
+    except FileError as error:
+        others = "" if sensor != "digit" else "; for images of a GelSight Mini, --sensor gelsight-mini"
+        return bag | {"advice": f"{error}{others}"}
+    damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
+    options = (f" --sensor {sensor}" if sensor != "digit" else "") + (orientation and f" --orientation {orientation}")
+    return bag | {
+        "images": chosen.images,
+        "damaged_images": damaged,
+        "sensor_poses": chosen.sensor.name,
+        "advice": f"palpate track {found.path}{options} --shape NAME|FILE --first-pose X Y THETA",
+    }

@@ -3,16 +3,13 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from palpate.cli.console import complain, print_json, print_line, progress_bar
 from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, positional
 from palpate.errors import SettingError
-
-if TYPE_CHECKING:
-    from palpate.lab.simulate.recordings import Simulation
 
 
 @dataclass(frozen=True)
@@ -42,22 +39,6 @@ class Pushes:
     images: Annotated[bool, arg(default="with images")] = True
     """Make no touch images, which is faster."""
 
-    def plan(self, seed: int, unit: int | None) -> "dict[str, Simulation]":
-        """Return the simulations by file name. Raises SettingError for values that are not allowed."""
-        from palpate.geometry.shapes import SHAPES
-        from palpate.io.outlines import load_shape
-        from palpate.lab.simulate.recordings import plan
-        from palpate.types.sensor import known_sensor
-
-        shapes = {}
-        for given in self.shape or ("disc", "rectangle", "ellipse"):
-            name = Path(given).stem if Path(given).is_file() and given not in SHAPES else given
-            if name in shapes:
-                raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
-            shapes[name] = load_shape(given, self.shape_unit)
-        options = {"seconds": self.seconds, "images": self.images, "knocks": self.knocks, "ideal": self.ideal}
-        return plan(shapes, self.count, seed, unit=unit, sensor=known_sensor(self.sensor), **options)
-
 
 def simulate(
     folder: Annotated[tyro.conf.Positional[Path], positional("DIR", "Folder of the recordings.")],
@@ -83,9 +64,12 @@ def simulate(
         unit: Seed of one sensor unit for all recordings.
         resume: Keep the recordings that are there and make the rest.
     """
+    from palpate.geometry.shapes import SHAPES
     from palpate.io import load_recording
-    from palpate.lab.simulate.recordings import SUFFIX, simulate_folder
+    from palpate.io.outlines import load_shape
+    from palpate.lab.simulate.recordings import SUFFIX, plan, simulate_folder
     from palpate.lab.simulate.replay import replay_folder
+    from palpate.types.sensor import known_sensor
 
     begin = time.perf_counter()
     options = {"resume": resume, "workers": workers.workers, "dask": workers.dask}
@@ -98,7 +82,14 @@ def simulate(
         with progress_bar("rendering", len(recordings)) as progress:
             outcome = replay_folder(folder, recordings, seed, unit, progress=progress, **options)
     else:
-        simulations = pushes.plan(seed, unit)
+        shapes = {}
+        for given in pushes.shape or ("disc", "rectangle", "ellipse"):
+            name = Path(given).stem if Path(given).is_file() and given not in SHAPES else given
+            if name in shapes:
+                raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
+            shapes[name] = load_shape(given, pushes.shape_unit)
+        given = {name: getattr(pushes, name) for name in ("seconds", "images", "knocks", "ideal")}
+        simulations = plan(shapes, pushes.count, seed, unit=unit, sensor=known_sensor(pushes.sensor), **given)
         with progress_bar("simulating", len(simulations)) as progress:
             outcome = simulate_folder(folder, simulations, progress=progress, **options)
     wall_s = time.perf_counter() - begin
