@@ -10,14 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from recording_samples import encoded
 
 import palpate
-from palpate import DIGIT, Disc, FileError, Frame, Recording, Rectangle, Tracker, load_calibration, write_recording
-from palpate.geometry import se2
-from palpate.lab.simulate.gel import ball_overlap, render, touch_image
+from palpate import DIGIT, Disc, FileError, Frame, Rectangle, Tracker, load_calibration
+from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
-from palpate.lab.train.samples import presses_of
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, CameraView, DirectionCorrection, views
 from palpate.touch.press_calibration import Presses, PressFit, learn_from_presses, read_image, read_presses
@@ -236,45 +233,3 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, fails):
 
 BALL, PLACE, DEPTH = Disc(0.006), np.array([0.31, -0.14]), 1.1e-3
 ALL_ROUND = np.radians([0.0, 65.0, 130.0, 180.0, -120.0, -50.0])
-
-
-def recorded(shape: Any, touching: Array, images: Any, still: Array, object_pose: Any) -> Recording:
-    """Return a recording of presses at poses (N, 3), each after ten frames without contact."""
-    free = se2.compose(touching, [-0.05, 0.0, 0.0])
-    poses = np.concatenate([[away] * 10 + [there] * 9 for away, there in zip(free, touching, strict=True)])
-    seen = [still if place < 10 else image for image in images for place in range(19)]
-    count, truth = len(poses), np.tile(object_pose, (len(poses), 1))
-    flags, coded = np.tile(np.arange(19) >= 10, len(touching)), [encoded(image, "jpeg") for image in seen]
-    return Recording(np.arange(count) / 30.0, poses, shape, DIGIT, truth, flags, image=coded)
-
-
-def around_a_ball(unit: SensorUnit, yaw: Array) -> Recording:
-    rng, apart = np.random.default_rng(0), DIGIT.radius + BALL.radius - DEPTH
-    # From the apex, the ball's centre lies at an angle about the tip's centre.
-    seen = np.column_stack([apart * np.cos(ANGLES) - DIGIT.radius, apart * np.sin(ANGLES)])
-    poses = [np.append(PLACE - se2.rotation(turn) @ ball, turn) for turn, ball in zip(yaw, seen, strict=True)]
-    overlaps = [ball_overlap(unit, BALL.radius, (unit.radius * np.sin(angle), 0.0), DEPTH) for angle in ANGLES]
-    images = [touch_image(unit, overlap, rng=rng) for overlap in overlaps]
-    return recorded(BALL, np.array(poses), images, unit.no_contact, np.append(PLACE, 0.0))
-
-
-def test_the_command_takes_a_recording_of_presses(tmp_path, unit, run_palpate):
-    out = tmp_path / "unit.npz"
-    write_recording(around_a_ball(unit, ALL_ROUND), tmp_path / "ball.mcap")
-    _, said, _ = run_palpate("calibrate", "--presses", tmp_path / "ball.mcap", "--out", out)
-    assert "presses 6" in " ".join(said.split())
-    assert load_calibration(out).view.keeps_left_and_right
-    # A mirrored camera, on a sensor that leans against the side of a rectangle.
-    shape, yaw, pose = Rectangle(0.1, 0.1), -ANGLES, np.array([0.3, -0.2, 0.7])
-    left = np.column_stack([-0.05 - unit.radius * (1.0 - np.cos(yaw)), unit.radius * np.sin(yaw), yaw])
-    rendered = render(unit, shape, left, 6e-4, rng=np.random.default_rng(0))
-    *images, still = (np.ascontiguousarray(each[:, ::-1]) for each in (*rendered, unit.no_contact))
-    recording = recorded(shape, se2.compose(pose, left), images, still, pose)
-    np.testing.assert_allclose(presses_of(recording).angle, ANGLES, atol=1e-3)
-    write_recording(recording, tmp_path / "edge.mcap")
-    assert run_palpate("calibrate", "--presses", tmp_path / "edge.mcap", "--out", out, "--force")[0] == 0
-    calibration = load_calibration(out)
-    assert not calibration.view.keeps_left_and_right
-    assert np.abs(calibration.background.mean - calibration.view.of(still)).mean() < 2.0
-    with pytest.raises(FileError, match="the recording: has no object_pose; learning needs them"):
-        presses_of(dataclasses.replace(recording, object_pose=None))

@@ -11,7 +11,7 @@ from palpate.errors import FileError
 from palpate.geometry.shapes import wrong_width
 from palpate.pipeline.truth import flag_runs
 from palpate.stream_monitor import too_often
-from palpate.types.recording import Recording, spikes
+from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -21,7 +21,7 @@ class Finding(NamedTuple):
     """One thing that is wrong with a recording, in frames from `start` to `end`."""
 
     kind: str
-    """time gap, rate, unit, drop-out, jump, off outline or image."""
+    """rate, unit, time gap or image."""
     start: int
     end: int
     sentence: str
@@ -39,11 +39,6 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
     step = np.diff(time)
     regular = np.delete(step, _gaps(time))
-    found = list(_faults_of_frames(recording))
-    if truth is not None:
-        found += _faults_of_truth(time, truth)
-        found += _off_outline(recording, truth, contact) if contact is not None else ()
-    found.sort(key=lambda finding: (finding.start, finding.end))
 
     def between(first: int, last: int) -> dict[str, float]:
         return {"start_s": float(time[first] - time[0]), "end_s": float(time[last] - time[0])}
@@ -59,11 +54,13 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
         "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
         "contacts": [] if contact is None else [between(*ends) for ends in flag_runs(contact)],
-        "findings": [{"kind": kind, **between(*ends), "sentence": sentence} for kind, *ends, sentence in found],
+        "findings": [
+            {"kind": kind, **between(*ends), "sentence": sentence} for kind, *ends, sentence in _faults(recording)
+        ],
     }
 
 
-def _faults_of_frames(recording: Recording) -> Iterator[Finding]:
+def _faults(recording: Recording) -> Iterator[Finding]:
     """Find another rate, lengths that are implausible in metres, missing frames and damaged images."""
     step, wanted = np.diff(recording.time), recording.sensor.rate
     if len(step) > 1:
@@ -90,40 +87,7 @@ def _faults_of_frames(recording: Recording) -> Iterator[Finding]:
             yield Finding("image", frame, frame, str(error))
 
 
-def _faults_of_truth(time: Array, truth: Array) -> Iterator[Finding]:
-    """Find unknown poses, and those that jump away and back; a jump that stays is a knock."""
-    unknown = np.isnan(truth[:, 0])
-    for first, last in _merged(time, unknown) if not unknown.all() else ():
-        count = int(unknown[first : last + 1].sum())
-        yield Finding("drop-out", first, last, f"ground truth is unknown in {count} frames")
-    for first, last in _merged(time, spikes(truth)):
-        yield Finding("jump", first, last, "ground truth jumps away and back; these frames are not scored")
-
-
-def _off_outline(recording: Recording, truth: Array, contact: Flags) -> Iterator[Finding]:
-    """Find a sensor that is not where it touches."""
-    limit = 2e-3  # [m], for three frames or more: undisturbed runs have 1.4 mm at most
-    gap = recording.sensor.gaps(recording.sensor_pose, truth, recording.shape)
-    gap[~(recording.trusted_truth & contact)] = 0.0
-    for first, last in _merged(recording.time, np.abs(gap) > limit):
-        inside = gap[first : last + 1]
-        if np.sum(np.abs(inside) > limit) >= 3:
-            worst = inside[np.argmax(np.abs(inside))] * 1e3
-            how = "overlaps" if worst < 0.0 else "touches but stands off"
-            yield Finding("off outline", first, last, f"the sensor {how} the true outline by up to {abs(worst):.1f} mm")
-
-
 def _gaps(time: Array) -> NDArray[np.intp]:
     """Return the frames after which others are missing, from times (N,) [s]."""
     step = np.diff(time)
     return np.flatnonzero(step > 3.0 * np.median(step)) if len(step) else np.empty(0, np.intp)
-
-
-def _merged(time: Array, flags: Flags) -> list[tuple[int, int]]:
-    """Return the runs of flags (N,); those less than 0.2 s apart, as long as a marker flickers, are one."""
-    merged: list[tuple[int, int]] = []
-    for first, last in flag_runs(flags):
-        if merged and time[first] - time[merged[-1][1]] < 0.2:
-            first = merged.pop()[0]
-        merged.append((first, last))
-    return merged

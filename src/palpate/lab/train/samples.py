@@ -20,7 +20,6 @@ from palpate.touch.background import AnyImage, Background, background_of, has_ma
 from palpate.touch.calibration import AS_IT_IS, Calibration, misfit, turned_as
 from palpate.touch.cells import Image
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.press_calibration import Presses
 from palpate.touch.touch_model import KINDS, difference, reduced
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
@@ -244,26 +243,3 @@ def _joined(parts: Sequence[Samples]) -> Samples:
     columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(Samples)}
     columns["episode"] = episodes
     return Samples(**{name: np.concatenate(column) for name, column in columns.items()})
-
-
-def presses_of(recording: Recording) -> Presses:
-    """Return one press of each contact of a recording: its middle frame, at the angle that the outline says.
-
-    That is a robot which presses its sensor on a fixed object, or any pushes with ground truth. Raises FileError where
-    the recording has no images or poses of the object, and of a sensor with several tips.
-    """
-    name = recording.file or "the recording"
-    recording = with_contact(recording)
-    if len(recording.sensor.tips) > 1:
-        raise FileError(f"{name}: sensor {recording.sensor.name!r} has several tips; presses are of one")
-    assert recording.object_pose is not None and recording.contact is not None
-    g = se2.between(recording.object_pose, recording.sensor_pose)
-    contact, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
-    middle = [int(frame[contact == each][np.sum(contact == each) // 2]) for each in np.unique(contact)]
-    images = [recording[index].image for index in middle]
-    direction, _, _ = geometry_of(recording, g[middle])
-    return Presses(
-        tuple(image for image in images if image is not None),
-        direction,
-        tuple(f"{name}: frame {index}" for index in middle),
-    )
