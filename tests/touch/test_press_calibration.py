@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate import DIGIT, Disc, FileError, Frame, Rectangle, Tracker, load_calibration
+from palpate import DIGIT, FileError, Frame, Rectangle, Tracker, load_calibration
 from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import background_of
@@ -227,9 +227,3 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, fails):
     assert "no such file" in fails("calibrate", *no_table, *out)
     assert "give either a recording or --untouched images" in fails("calibrate", "--presses", table, *out)
     assert not (tmp_path / "unit.npz").exists()
-
-
-# Presses in a recording: against an edge, or around a ball
-
-BALL, PLACE, DEPTH = Disc(0.006), np.array([0.31, -0.14]), 1.1e-3
-ALL_ROUND = np.radians([0.0, 65.0, 130.0, 180.0, -120.0, -50.0])

@@ -6,7 +6,6 @@ untouched gel has less curvature than the images that it differs from; and it is
 
 import logging
 from contextlib import suppress
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,33 +21,23 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 
-class Release(NamedTuple):
-    """The first half second without contact."""
-
-    calibration: Calibration
-    """Calibration of the sensor unit for this recording."""
-    time: float
-    """Start of the half second, since the first frame [s]."""
-
-
 def release_after_start(
     recording: Recording, first_pose: Array, first_pose_sigma: Array, tactile: str
-) -> Release | None:
-    """Return the first release if the recording begins in contact, as its first pose (3,) allows; else None."""
+) -> Calibration | None:
+    """Return the untouched gel of a recording that begins in contact, as its first pose (3,) allows; else None."""
     if recording.image is None or not tactile.startswith(("auto", "learnt")):
         return None
     count = min(first_frames(recording.sensor.rate), len(recording))
     gap = recording.sensor.gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape)
-    if gap.min() > 5e-3 + 3.0 * np.hypot(*first_pose_sigma[:2]):
+    if gap.min() > 5e-3 + 3.0 * np.hypot(*first_pose_sigma[:2]) or (first := first_release(recording)) is None:
         return None
-    if release := first_release(recording):
-        name = recording.file or "the recording"
-        logger.warning("%s: begins in contact; the untouched gel is taken from %.2f s on", name, release.time)
-    return release
+    name, start = recording.file or "the recording", recording.time[first] - recording.time[0]
+    logger.warning("%s: begins in contact; the untouched gel is taken from %.2f s on", name, start)
+    return Calibration(background_of(_image(recording, index) for index in range(first, first + count)), is_sure=True)
 
 
-def first_release(recording: Recording) -> Release | None:
-    """Return the first half second without contact if images show contact at the start and its release; else None."""
+def first_release(recording: Recording) -> int | None:
+    """Return the start of the first half second without contact, if images show contact before it; else None."""
     length = first_frames(recording.sensor.rate)
     starts = np.arange(0, len(recording) - length + 1, length)
     if recording.image is None or len(starts) < 2:
@@ -69,9 +58,7 @@ def first_release(recording: Recording) -> Release | None:
     untouched = int(np.argmax(may_be * plainer * seen))
     if not any(_is_unlike(cells, moments[untouched]) for cells in looks[0]):
         return None
-    first = int(starts[np.argmax(may_be & ~unlike[untouched])])
-    background = background_of(_image(recording, index) for index in range(first, first + length))
-    return Release(Calibration(background, is_sure=True), float(recording.time[first] - recording.time[0]))
+    return int(starts[np.argmax(may_be & ~unlike[untouched])])
 
 
 def _looks(recording: Recording, start: int, length: int) -> list[Levels]:

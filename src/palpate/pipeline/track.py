@@ -79,8 +79,7 @@ def track(
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     truth = known_truth(recording)
     _check(recording, truth, settings)
-    release = None if calibration else release_after_start(recording, first, sigma, settings.tactile)
-    calibration = release.calibration if release else calibration
+    calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
     sensor = turned_as(recording.sensor, calibration)
     start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
     tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
@@ -107,8 +106,6 @@ def track(
         wall_s=time.perf_counter() - begin,
     )
     summary |= {"final_reason": estimates[-1].reason, "warnings": warnings, "mirrored": tracker.mirrored}
-    if release:
-        summary["untouched_from_s"] = release.time
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
     is_learnt = settings.tactile.startswith("learnt")

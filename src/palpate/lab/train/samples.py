@@ -147,8 +147,7 @@ def with_contact(recording: Recording, calibration: Calibration | None = None) -
     if recording.contact is not None:
         return recording
     if calibration is None and recording.first_pose is not None and recording.first_pose_sigma is not None:
-        release = release_after_start(recording, recording.first_pose, recording.first_pose_sigma, "learnt")
-        calibration = release and release.calibration
+        calibration = release_after_start(recording, recording.first_pose, recording.first_pose_sigma, "learnt")
     detector = ContactDetector(turned_as(recording.sensor, calibration), calibration)
     contact = np.array([_is_touched(detector, recording, index) for index in range(len(recording))])
     if not contact.any():

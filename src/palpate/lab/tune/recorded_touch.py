@@ -154,8 +154,7 @@ def _measured(
 ) -> Iterator[tuple[bool, Measurements]]:
     """Yield contact and measurements of each frame, as the tracker reads them from its image."""
     if calibration is None:
-        release = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), tactile)
-        calibration = release and release.calibration
+        calibration = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), tactile)
     sensor = turned_as(recording.sensor, calibration)
     detector = ContactDetector(sensor, calibration)
 
