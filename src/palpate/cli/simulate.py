@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from palpate.cli.console import complain, print_json, print_line, progress_bar
+from palpate.cli.console import complain, progress_bar, report
 from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, positional
 from palpate.errors import SettingError
 
@@ -92,14 +92,9 @@ def simulate(
         simulations = plan(shapes, pushes.count, seed, unit=unit, sensor=known_sensor(pushes.sensor), **given)
         with progress_bar("simulating", len(simulations)) as progress:
             outcome = simulate_folder(folder, simulations, progress=progress, **options)
-    wall_s = time.perf_counter() - begin
     for name, why in outcome.failed.items():
         complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
-    if json:
-        failed = [{"file": name, "error": why} for name, why in outcome.failed.items()]
-        files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": failed}
-        print_json({"folder": str(folder), **files, "wall_s": wall_s})
-    else:
-        counts = f"{len(outcome.made)} made, {len(outcome.kept)} kept, {len(outcome.failed)} failed"
-        print_line(f"{folder}: {counts}, {wall_s:.1f} s")
+    failed = [{"file": name, "error": why} for name, why in outcome.failed.items()]
+    files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": failed}
+    report(json, "recordings", {"folder": str(folder), **files, "wall_s": time.perf_counter() - begin})
     return 3 if outcome.failed else 0
