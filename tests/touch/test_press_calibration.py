@@ -196,7 +196,7 @@ def test_the_command_finds_a_mirrored_camera(tmp_path, unit, presses, run_palpat
     code, said, _ = run_palpate(*words)
     said = " ".join(said.split())
     assert code == 0 and "noise levels -" in said and "Left and right are exchanged" in said
-    assert ("offset - deg" in said) == in_order
+    assert ("offset sigma - deg" in said) == in_order
     calibration = load_calibration(out)
     assert calibration.is_view_known and not calibration.view.keeps_left_and_right
     info = json.loads(run_palpate("info", out, "--json")[1])
