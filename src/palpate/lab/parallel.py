@@ -1,5 +1,6 @@
 """Parallel work on many items: on the cores of this machine, or on a Dask cluster."""
 
+import logging
 import os
 import signal
 import sys
@@ -43,6 +44,17 @@ def one_thread() -> Iterator[None]:
             yield
     finally:
         cv2.setNumThreads(threads)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Suppress the tracker's warnings while many recordings are tracked; the summary counts the statuses."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 def _in_processes(

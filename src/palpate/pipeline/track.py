@@ -204,17 +204,6 @@ def kept_warnings() -> Iterator[list[str]]:
         logging.getLogger("palpate").removeHandler(listener)
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Suppress the tracker's warnings while many recordings are tracked; the summary counts the statuses."""
-    before = logging.root.manager.disable
-    logging.disable(logging.WARNING)
-    try:
-        yield
-    finally:
-        logging.disable(before)
-
-
 def _check(recording: Recording, truth: Array, settings: TrackerSettings) -> None:
     """Raise SettingError if the recording lacks something that the settings need."""
     lacking = ""

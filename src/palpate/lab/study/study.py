@@ -23,10 +23,10 @@ from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.files import held_folder, read_arrays, read_json, whole_file
 from palpate.geometry.shapes import shape_to_dict
 from palpate.io import load_recording
-from palpate.lab.parallel import spread
+from palpate.lab.parallel import quiet, spread
 from palpate.lab.study.recordings import group_of
 from palpate.pipeline.metrics import nees
-from palpate.pipeline.track import quiet, track
+from palpate.pipeline.track import track
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker import warm_up

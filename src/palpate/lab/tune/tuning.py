@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
-from palpate.lab.parallel import spread
+from palpate.lab.parallel import quiet, spread
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.pipeline.metrics import inside_95, nees, rms, rotation_errors, translation_errors
-from palpate.pipeline.track import quiet
 from palpate.touch.pipeline import MEASURE_DIRECTION, MEASURE_TURN
 
 Array = NDArray[np.float64]
