@@ -134,17 +134,12 @@ def tune(
         def keep(tuning: "Tuning") -> dict[str, Any]:
             """Write the settings of a tuning, and return what is said of it."""
             show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
-            before, after = tuning.held_out or (None, None)
-            judged = {
-                "before": tuning.before,
-                "after": tuning.after,
-                "held_out_before": before,
-                "held_out_after": after,
-            }
+            names = ("before", "after", "held_out_before", "held_out_after")
+            judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
             found = about | {
                 "evaluations": tuning.evaluations,
                 "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
-                **{name: one and asdict(one) for name, one in judged.items()},
+                **{name: one and asdict(one) for name, one in zip(names, judged, strict=True)},
             }
             write_noise(tuning.settings.noise, out, found, overwrite=True)
             return found
