@@ -4,8 +4,6 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
 from palpate.cli.console import print_line, report
 from palpate.cli.options import Force, Json, Orientation, Sensor, arg, check_new
 from palpate.cli.recordings import about_calibration
@@ -16,10 +14,7 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    file: Annotated[
-        tyro.conf.Positional[Path | None],
-        tyro.conf.arg(metavar="[FILE]", help="A recording with images, some of them without contact."),
-    ] = None,
+    file: Annotated[Path | None, arg("[FILE]", "none")] = None,
     /,
     *,
     out: Annotated[Path, arg("UNIT.npz")],
@@ -39,6 +34,7 @@ def calibrate(
     Example: palpate calibrate --presses presses.csv --untouched still.png --out unit.npz
 
     Args:
+        file: A recording with images, some of them without contact.
         out: File of the calibration.
         presses: Five or more presses: a CSV of images (column file) at known contact angles (column angle_deg) or, with
             the column file alone, by hand in order from -y to +y, which finds left and right only.

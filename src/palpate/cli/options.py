@@ -41,14 +41,8 @@ def arg(metavar: str | None = None, default: str | None = None, *, help: str | N
     return tyro.conf.arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})", **more)
 
 
-def positional(metavar: str, help: str) -> Any:
-    """Return tyro's argument for a positional parameter of a command."""
-    return tyro.conf.arg(metavar=metavar, help=help, help_behavior_hint="(required)")
-
-
-RecordingsFolder = Annotated[
-    tyro.conf.Positional[Path],
-    positional("DIR", "Folder of recordings in any known format; folders in it are searched too."),
+RecordingsFolder: TypeAlias = Annotated[
+    Path, arg("DIR", help="Folder of recordings in any known format; folders in it are searched too.")
 ]
 Force: TypeAlias = Annotated[bool, tyro.conf.arg(help="Replace existing output.")]
 Json: TypeAlias = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
@@ -60,9 +54,6 @@ Orientation: TypeAlias = Annotated[
         "upright",
         help="Steps that make images upright, with commas: 90, 180 or 270 (degrees counter-clockwise), mirrored, bgr.",
     ),
-]
-Smoother: TypeAlias = Annotated[
-    SmootherName, tyro.conf.arg(help="Solve the graph over the last steps of a contact, or over all of them.")
 ]
 
 
@@ -127,7 +118,8 @@ class Touch(SensorUnit):
 class Estimator:
     """The estimator: solver, noise, friction on the table, and hypotheses."""
 
-    smoother: Smoother = "fixed-lag"
+    smoother: SmootherName = "fixed-lag"
+    """Solve the graph over the last steps of a contact, or over all of them."""
     noise: Annotated[str, arg(NOISE)] = "palpate"
     """Standard deviations: a preset, or a file of palpate tune."""
     pressure: Annotated[Literal["uniform"] | float, arg("uniform|METRES")] = "uniform"

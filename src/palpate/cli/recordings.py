@@ -4,10 +4,8 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
 from palpate.cli.console import print_line, progress_bar, report
-from palpate.cli.options import Bag, Force, Json, Orientation, Sensor, arg, check_new, positional
+from palpate.cli.options import Bag, Force, Json, Orientation, Sensor, arg, check_new
 from palpate.errors import FileError, printable
 
 if TYPE_CHECKING:
@@ -15,9 +13,7 @@ if TYPE_CHECKING:
 
 
 def info(
-    file: Annotated[
-        tyro.conf.Positional[Path], positional("FILE", "A recording in any known format, a bag, or a calibration.")
-    ],
+    file: Annotated[Path, arg("FILE")],
     /,
     *,
     sensor: Sensor = "digit",
@@ -27,6 +23,9 @@ def info(
     """Show the contents of a recording (rates, gaps, contacts, truth), a bag or a calibration, and problems in it.
 
     Example: palpate info push.mcap
+
+    Args:
+        file: A recording in any known format, a bag, or a calibration.
     """
     from palpate import io as formats
     from palpate.geometry.shapes import shape_to_dict
@@ -52,11 +51,8 @@ def info(
 
 
 def convert(
-    source: Annotated[tyro.conf.Positional[Path], positional("IN", "A recording in any known format, or a bag.")],
-    target: Annotated[
-        tyro.conf.Positional[Path],
-        positional("OUT", "File to write; its extension gives the format: .mcap or .tum."),
-    ],
+    source: Annotated[Path, arg("IN")],
+    target: Annotated[Path, arg("OUT")],
     /,
     *,
     force: Force = False,
@@ -66,6 +62,10 @@ def convert(
     """Convert a bag or a recording of another format to a recording of palpate, or its true poses to a .tum.
 
     Example: palpate convert robot.bag push.mcap --shape 0.09x0.06
+
+    Args:
+        source: A recording in any known format, or a bag.
+        target: File to write; its extension gives the format: .mcap or .tum.
     """
     from palpate import io as formats
 
@@ -78,10 +78,7 @@ def convert(
 
 
 def view(
-    path: Annotated[
-        tyro.conf.Positional[Path],
-        positional("RUN|RECORDING", "Folder of a run, or a recording in any known format."),
-    ],
+    path: Annotated[Path, arg("RUN|RECORDING")],
     /,
     *,
     save: Annotated[Path | None, arg("FILE.rrd", "<name>.rrd")] = None,
@@ -92,6 +89,7 @@ def view(
     Example: palpate view runs/push && rerun push.rrd
 
     Args:
+        path: Folder of a run, or a recording in any known format.
         save: File to write.
     """
     from palpate.viewer.rerun_view import save_scene

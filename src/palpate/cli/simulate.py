@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from palpate.cli.console import complain, progress_bar, report
-from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg, positional
+from palpate.cli.options import Json, Sensor, ShapeUnit, Workers, arg
 from palpate.errors import SettingError
 
 
@@ -41,14 +41,11 @@ class Pushes:
 
 
 def simulate(
-    folder: Annotated[tyro.conf.Positional[Path], positional("DIR", "Folder of the recordings.")],
+    folder: Annotated[Path, arg("DIR")],
     /,
     *,
     pushes: Pushes = Pushes(),
-    replay: Annotated[
-        tyro.conf.UseAppendAction[tuple[Path, ...]],
-        arg("FILE", "none", help="Render touch images for the motion of a real recording instead. Repeat for more."),
-    ] = (),
+    replay: Annotated[tyro.conf.UseAppendAction[tuple[Path, ...]], arg("FILE", "none")] = (),
     seed: Annotated[int, arg("N")] = 0,
     unit: Annotated[int | None, arg("N", "another unit for each")] = None,
     resume: bool = False,
@@ -60,6 +57,8 @@ def simulate(
     Example: palpate simulate recordings --shape disc --count 20 --knocks
 
     Args:
+        folder: Folder of the recordings.
+        replay: Render touch images for the motion of a real recording instead. Repeat for more.
         seed: The same seed gives the same files.
         unit: Seed of one sensor unit for all recordings.
         resume: Keep the recordings that are there and make the rest.

@@ -4,10 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import tyro
-
 from palpate.cli.console import print_json, print_line, progress_bar, report
-from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg, positional
+from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
@@ -22,9 +20,7 @@ SCORES = (
 
 
 def track(
-    file: Annotated[
-        tyro.conf.Positional[Path], positional("FILE", "A recording in any known format, or a bag of ROS messages.")
-    ],
+    file: Annotated[Path, arg("FILE")],
     /,
     *,
     json: Json = False,
@@ -42,6 +38,7 @@ def track(
     Example: palpate track push.mcap --first-pose 0.1 0 0.3 --first-pose-sigma 0.01 0.01 0.1
 
     Args:
+        file: A recording in any known format, or a bag of ROS messages.
         out: Folder of the run.
         mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
         html: Write a page that shows the push in any browser, page.html.

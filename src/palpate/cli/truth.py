@@ -3,16 +3,12 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-import tyro
-
 from palpate.cli.console import print_line, progress_bar, report
-from palpate.cli.options import Force, Json, arg, check_new, positional
-
-Video = Annotated[tyro.conf.Positional[Path], positional("VIDEO", "A video file.")]
+from palpate.cli.options import Force, Json, arg, check_new
 
 
 def truth_print(
-    out: Annotated[tyro.conf.Positional[Path], positional("OUT.pdf", "The file to write.")],
+    out: Annotated[Path, arg("OUT.pdf")],
     /,
     *,
     shape: Annotated[str, arg("NAME|AxB|FILE")],
@@ -24,6 +20,7 @@ def truth_print(
     Example: palpate truth-print sheets.pdf --shape rectangle --paper a3
 
     Args:
+        out: The file to write.
         shape: The object, as in palpate simulate.
         paper: Paper size.
     """
@@ -36,12 +33,15 @@ def truth_print(
     return 0
 
 
-def truth_camera(video: Video, /, *, out: Annotated[Path, arg("CAMERA.json")], force: Force = False) -> int:
+def truth_camera(
+    video: Annotated[Path, arg("VIDEO")], /, *, out: Annotated[Path, arg("CAMERA.json")], force: Force = False
+) -> int:
     """Calibrate the overhead camera by a video of the printed board, held at an angle all over the view.
 
     Example: palpate truth-camera board.mp4 --out camera.json
 
     Args:
+        video: A video file.
         out: The file to write.
     """
     from palpate.lab.truth.camera import calibrated, read_video, save_camera
@@ -55,10 +55,8 @@ def truth_camera(video: Video, /, *, out: Annotated[Path, arg("CAMERA.json")], f
 
 
 def truth(
-    recording: Annotated[
-        tyro.conf.Positional[Path], positional("RECORDING", "The robot's recording of the same push.")
-    ],
-    video: Video,
+    recording: Annotated[Path, arg("RECORDING")],
+    video: Annotated[Path, arg("VIDEO")],
     /,
     *,
     camera: Annotated[Path, arg("CAMERA.json")],
@@ -71,6 +69,8 @@ def truth(
     Example: palpate truth push.mcap push.mp4 --camera camera.json --out push-true.mcap
 
     Args:
+        recording: The robot's recording of the push.
+        video: A video of the same push.
         camera: The camera, from palpate truth-camera.
         out: The recording with ground truth.
     """
