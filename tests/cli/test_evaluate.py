@@ -53,7 +53,7 @@ def rows(folder: str = "out", table: str = "sequences.csv") -> list[dict[str, st
 def test_a_study_writes_tables(evaluate):
     code, out, err = evaluate("recordings", "--out", "out", *FAST)
     assert (code, err) == (0, "")
-    assert "4 trials, 0 kept" in out and str(Path("out/results.json")) in out
+    assert "trials 4 kept 0" in " ".join(out.split())
     found = results()
     assert list(found["table"]) == ["disc", "edges", "all groups"]
     row = found["table"]["all groups"]["oracle"]
@@ -87,7 +87,7 @@ def test_default_methods_and_recordings_that_lack_images(evaluate):
     assert (printed["study"]["trials"], printed["study"]["skipped"]) == (4, 2)
     assert {each["method"] for each in results()["skipped"]} == {"learnt"}
     assert "has no images" in results()["skipped"][0]["reason"]
-    assert "skipped: 2 x has no images" in evaluate("recordings", "--out", "out", "--resume")[1]
+    assert "has no images, which tactile learnt needs 2" in evaluate("recordings", "--out", "out", "--resume")[1]
 
 
 def test_knocks_are_scored(evaluate):
@@ -133,7 +133,7 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate, fa
     write("recordings/disc-2.mcap", pushed(30))
     next(iter(files)).write_bytes(b"cut")
     out = evaluate("recordings", "--out", "out", *FAST, "--resume")[1]
-    assert "6 trials, 3 kept" in out
+    assert "trials 6 kept 3" in " ".join(out.split())
     assert sum(path.stat().st_mtime_ns == stamp for path, stamp in files.items()) == 3
     for option, value, sentence in (
         ("--noise", "published", "out: was made with other settings (noise."),
@@ -142,7 +142,8 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate, fa
     ):
         assert sentence in fails("evaluate", "recordings", "--out", "out", *FAST, "--resume", option, value)
     write("recordings/disc-1.mcap", pushed(25))
-    assert "6 trials, 4 kept" in evaluate("recordings", "--out", "out", *FAST, "--resume")[1]  # it has changed since
+    out = evaluate("recordings", "--out", "out", *FAST, "--resume")[1]
+    assert "trials 6 kept 4" in " ".join(out.split())  # one has changed since
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from typing import Any
@@ -44,15 +44,11 @@ def report(json: bool, title: str, data: dict[str, Any]) -> None:
     quantities = [(*_name_and_unit(key), cell(key, value)) for key, value in data.items() if key not in tables]
     _print_table(title, ("quantity", "value", "unit"), [(name, value, unit) for name, unit, value in quantities])
     for key, rows in tables.items():
-        print_rows(key.replace("_", " ") + (f": the first 20 of {len(rows)}" if len(rows) > 20 else ""), rows)
-
-
-def print_rows(title: str, rows: Mapping[Any, Mapping[str, Any]]) -> None:
-    """Print a table with a named row for each object, 20 at most; units are those of the keys."""
-    keys = list(dict.fromkeys(key for row in rows.values() for key in row))
-    headings = [f"{name} [{unit}]" if unit else name for name, unit in map(_name_and_unit, keys)]
-    cells = [[str(name), *(cell(key, row.get(key)) for key in keys)] for name, row in islice(rows.items(), 20)]
-    _print_table(title, ("", *headings), cells)
+        keys = list(dict.fromkeys(key for row in rows.values() for key in row))
+        headings = [f"{name} [{unit}]" if unit else name for name, unit in map(_name_and_unit, keys)]
+        cells = [[str(name), *(cell(key, row.get(key)) for key in keys)] for name, row in islice(rows.items(), 20)]
+        more = f": the first 20 of {len(rows)}" if len(rows) > 20 else ""
+        _print_table(key.replace("_", " ") + more, ("", *headings), cells)
 
 
 def cell(key: str, value: Any) -> str:

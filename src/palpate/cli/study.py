@@ -3,12 +3,11 @@
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from palpate.cli.console import complain, print_json, print_line, print_rows, progress_bar, report
+from palpate.cli.console import complain, print_json, progress_bar, report
 from palpate.cli.options import (
     Estimator,
     Json,
@@ -57,7 +56,7 @@ def evaluate(
     """
     from palpate.lab.study.figures import write_figures
     from palpate.lab.study.recordings import find_recordings
-    from palpate.lab.study.results import results_of, write_results
+    from palpate.lab.study.results import ALL, results_of, write_results
     from palpate.lab.study.study import StudySettings, run_study
 
     ways = tuple(dict.fromkeys(methods.tactile))
@@ -79,7 +78,11 @@ def evaluate(
     if json:
         print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}})
     else:
-        _show(out, results)
+        counts = {key: results["study"][key] for key in ("trials", "kept", "skipped", "failed", "wall_s")}
+        reasons = Counter(each["reason"] for each in results["skipped"])
+        methods = results["table"].get(ALL, {})
+        rows = {method: {key: row[key] for key in SHOWN} for method, row in methods.items()}
+        report(json, "study", {"report": str(out), **counts, "reasons": dict(reasons), ALL: rows})
     return 3 if study.failed else 0
 
 
@@ -110,16 +113,3 @@ def paper(
     tables = {"table2": results["table2"], "tracking": results["tracking"]}
     report(json, "experiments of the paper", tables if json else {"folder": str(out), **tables})
     return 0
-
-
-def _show(out: Path, results: Mapping[str, Any]) -> None:
-    """Print the table of a study and the path of its results."""
-    from palpate.lab.study.results import ALL
-
-    methods = results["table"].get(ALL, {})
-    if methods:
-        print_rows(ALL, {method: {key: row[key] for key in SHOWN} for method, row in methods.items()})
-    for reason, number in Counter(each["reason"] for each in results["skipped"]).items():
-        print_line(f"skipped: {number} x {reason}")
-    counts = ", ".join(f"{results['study'][key]} {key}" for key in ("trials", "kept", "skipped", "failed"))
-    print_line(f"{counts}, {results['study']['wall_s']:.0f} s   results: {out / 'results.json'}")
