@@ -79,13 +79,13 @@ def track(
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     truth = known_truth(recording)
     _check(recording, truth, settings)
-    calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
-    sensor = turned_as(recording.sensor, calibration)
-    start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
-    tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
     estimates: list[Estimate] = []
     used, step_ms = np.zeros(len(recording), np.bool_), np.zeros(len(recording))
     with kept_warnings() as warnings:
+        calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
+        sensor = turned_as(recording.sensor, calibration)
+        start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
+        tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
         for index, (estimate, used[index], step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
             estimates.append(estimate)
             if progress:
@@ -110,8 +110,8 @@ def track(
         summary["tactile_reason"] = tracker.tactile_reason
     is_learnt = settings.tactile.startswith("learnt")
     model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
-    start = calibration, first, sigma
-    return Run(recording, settings, model, *start, online, smoothed, answers, step_ms, truth, summary)
+    known = calibration, first, sigma
+    return Run(recording, settings, model, *known, online, smoothed, answers, step_ms, truth, summary)
 
 
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, bool, float]]:

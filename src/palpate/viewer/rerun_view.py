@@ -107,7 +107,8 @@ def _send_scene(stream: rr.RecordingStream, scene: Scene) -> None:
         if codec := codec_of(image):  # else it is damaged
             stream.set_time("time", **{kind: when})
             stream.log("touch", rr.EncodedImage(contents=image, media_type=f"image/{codec}"))
-    if (truth := known_truth(recording)) is not None:
+    truth = known_truth(recording)
+    if np.isfinite(truth).any():
         send_object("truth", truth)
     if online is None:
         return
@@ -118,7 +119,7 @@ def _send_scene(stream: rr.RecordingStream, scene: Scene) -> None:
     send_strips("others", [[se2.transform(one.pose, outline) for one in some[1:]] for some in scene.answers])
     send("status", rr.StateChange.columns(state=online.status))
     send_plots("sigma", *deviations(online.covariance))
-    if truth is not None:
+    if np.isfinite(truth).any():
         send_plots("error", translation_errors(online.pose, truth), rotation_errors(online.pose, truth))
 
 
