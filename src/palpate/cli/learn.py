@@ -14,14 +14,7 @@ if TYPE_CHECKING:
 
 
 def train(
-    source: Annotated[
-        tyro.conf.Positional[Path],
-        positional(
-            "DIR|PRESSES.csv",
-            "Folder of recordings, or presses at known angles: columns file, an image beside the CSV, and "
-            "angle_deg, of the contact on the tip. These give a model of directions alone.",
-        ),
-    ],
+    source: Annotated[Path, arg("DIR|PRESSES.csv")],
     /,
     *,
     out: Annotated[Path, arg("MODEL")],
@@ -41,6 +34,7 @@ def train(
     Example: palpate train recordings --out model
 
     Args:
+        source: Folder of recordings, or a table of presses (columns file and angle_deg) for a model of directions alone.
         out: Folder of the model.
         start: Go on from this model, to fit it to another sensor unit.
         calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
