@@ -34,7 +34,7 @@ def train(
     Example: palpate train recordings --out model
 
     Args:
-        source: Folder of recordings, or a table of presses (columns file and angle_deg) for a model of directions alone.
+        source: Folder of recordings, or a table of presses (columns file, angle_deg) for a model of directions alone.
         out: Folder of the model.
         start: Go on from this model, to fit it to another sensor unit.
         calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
