@@ -3,11 +3,9 @@
 `python -m palpate.ros2 --ros-args -p shape:=NAME -p first_pose:='[x, y, theta]' -r image:=/digit/image_raw ...`
 """
 
-import math
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, partial
@@ -15,8 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
-
-from numpy.typing import ArrayLike
 
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
@@ -36,10 +32,11 @@ from palpate.io.ros_messages import (
     stamp_of,
 )
 from palpate.live.recorder import add_live_estimate
-from palpate.live.session import LiveEstimate, LiveSession, stop_on_signals
-from palpate.live.sources import Clock, Refused, Sources, TimedPose, TouchImage, checked_pose
+from palpate.live.session import LiveSession, stop_on_signals
+from palpate.live.sources import Refused, Sources, TimedPose, TouchImage, checked_pose
 from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
+from palpate.types.estimate import Estimate
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
 from palpate.types.measurements import finite_numbers
 from palpate.types.sensor import DIGIT
@@ -60,39 +57,34 @@ def main(arguments: Sequence[str]) -> int:
     """Run the node until Ctrl-C and return its exit code."""
     try:
         with ros_node(arguments) as node, stop_on_signals() as stop:
-            counts = run(node, stop).counts
-            node.get_logger().info(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items()))
+            run(node, stop)
     except PalpateError as error:
         complain(error)
         return 2
     return 0
 
 
-def run(node: Any, stop: threading.Event) -> LiveSession:
-    """Track until the event is set, and return the session.
-
-    Raises PalpateError if parameters, topics or images are unusable.
-    """
+def run(node: Any, stop: threading.Event) -> None:
+    """Track until the event is set. Raises PalpateError if parameters, topics or images are unusable."""
     shape, first_pose = _parameter(node, "shape"), _numbers(node, "first_pose")
     if shape is None or first_pose is None:
         raise SettingError(
             "the object is not known: the parameters shape and first_pose say it, "
             "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
         )
-    sigma, normal, unit = _numbers(node, "first_pose_sigma"), _numbers(node, "plane"), _parameter(node, "calibration")
+    sigma, unit = _numbers(node, "first_pose_sigma"), _parameter(node, "calibration")
     settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
     calibration = None if unit is None else load_calibration(Path(str(unit)))
     outline = load_shape(str(shape))
     tracker = Tracker(outline, DIGIT, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
-    gel, offset = _numbers(node, "sensor_T_gel", 7), _parameter(node, "time_offset") or 0.0
+    offset = _parameter(node, "time_offset") or 0.0
     if not isinstance(offset, float) or not abs(offset) <= 1.0:
         raise SettingError(f"parameter time_offset is {offset!r}; allowed are -1.0 to 1.0 s")
-    topics = Topics(node, normal or (0.0, 0.0, 1.0), gel, str(_parameter(node, "orientation") or ""))
-    sources = Sources(topics.images, topics.poses, topics.clock, turned_as(DIGIT, calibration), offset)
+    topics = Topics(node)
+    sources = Sources(topics.images, topics.poses, topics.now, turned_as(DIGIT, calibration), offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
-    session.say(f"tracking: images of {node.resolve_topic_name(IMAGES)}")
     session.run(stop, partial(topics.publish, session.counts))
-    return session
+    session.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in session.counts.items()))
 
 
 @contextmanager
@@ -142,40 +134,29 @@ def _numbers(node: Any, name: str, count: int = 3) -> list[float] | None:
     return None if numbers is None else numbers.tolist()
 
 
-class Ros2Clock(Clock):
-    """The clock of ROS, which may be simulated, in seconds after the session's start."""
-
-    def __init__(self, node: Any) -> None:
-        """Start at 0 s, now."""
-        self._clock = node.get_clock()
-        self.epoch: int = self._clock.now().nanoseconds
-        """Stamp of the start [ns]; times after it are small enough to resolve nanoseconds."""
-
-    def now(self) -> float:
-        """Return the time [s]."""
-        return (self._clock.now().nanoseconds - self.epoch) * 1e-9
-
-
 class Topics(MessageSink):
     """The topics of a session: images and sensor poses come in, estimates go out.
 
-    Poses are projected into the plane with a normal through the first of them. Topics /palpate/... are those of the
-    node, under any name of it.
+    The node's parameters say how images lie, where the gel is in the frame whose poses are published, and the normal of
+    the plane through the first pose, into which poses are projected. Topics /palpate/... are those of the node, under
+    any name of it.
     """
 
-    def __init__(
-        self, node: Any, normal: ArrayLike, sensor_T_gel: ArrayLike | None = None, orientation: str = ""
-    ) -> None:
-        """Take the node, the plane's normal (3,) in the frame of the poses, and words on how images lie.
-
-        `sensor_T_gel` (7,), position [m] and quaternion x, y, z, w, is the gel in the frame whose poses are published.
-        """
-        self._node, self._place, self._view = node, GelPoses(sensor_T_gel, normal), camera_view(orientation)
-        self.clock = Ros2Clock(node)
+    def __init__(self, node: Any) -> None:
+        """Take the node. Raises SettingError if a parameter is unusable."""
+        gel, normal = _numbers(node, "sensor_T_gel", 7), _numbers(node, "plane") or (0.0, 0.0, 1.0)
+        self._node, self._place = node, GelPoses(gel, normal)
+        self._view = camera_view(str(_parameter(node, "orientation") or ""))
+        self._clock = node.get_clock()
+        self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
             for topic, type_ in TOPICS.items()
         }
+
+    def now(self) -> float:
+        """Return the time of ROS, which may be simulated [s], after the session's start."""
+        return (self._clock.now().nanoseconds - self._start) * 1e-9
 
     def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
         """Yield touch images as they arrive and notes for the user. Raises FileError if they are no colour images."""
@@ -192,14 +173,11 @@ class Topics(MessageSink):
 
         Type and reliability are those of the first publisher. Raises SettingError if its type is none of `types`.
         """
-        topic, begin, publishers = self._node.resolve_topic_name(topic), time.monotonic(), []
-        while not publishers and not stop.wait(0.05):
-            publishers = self._node.get_publishers_info_by_topic(topic)
-            if not publishers and time.monotonic() - begin > 2.0:
-                begin = math.inf
-                yield f"nobody publishes {topic} yet, of type {' or '.join(types)}"
-        if not publishers:
-            return
+        topic = self._node.resolve_topic_name(topic)
+        yield f"waiting for {topic}, of type {' or '.join(types)}"
+        while not (publishers := self._node.get_publishers_info_by_topic(topic)):
+            if stop.wait(0.05):
+                return
         type_, waiting = publishers[0].topic_type, SimpleQueue[Any]()
         if type_ not in types:
             raise SettingError(f"topic {topic} has messages of type {type_}, allowed are {', '.join(types)}")
@@ -217,17 +195,17 @@ class Topics(MessageSink):
 
     def _pose(self, message: Any) -> TimedPose | Refused:
         (pose,) = poses_of(message)
-        return checked_pose(self._time_of(message), pose.numbers, self.clock.now(), self._place, pose.frame)
+        return checked_pose(self._time_of(message), pose.numbers, self.now(), self._place, pose.frame)
 
     def _time_of(self, message: Any) -> float:
         """Return the time of a message's stamp [s], or that of its arrival if it has none."""
         stamp = stamp_of(message)
-        return (stamp - self.clock.epoch) * 1e-9 if stamp else self.clock.now()
+        return (stamp - self._start) * 1e-9 if stamp else self.now()
 
-    def publish(self, counts: Mapping[str, int], item: TouchImage | TimedPose | LiveEstimate) -> None:
+    def publish(self, counts: Mapping[str, int], item: TouchImage | TimedPose | Estimate) -> None:
         """Publish an estimate, with the session's counts in its diagnostics."""
-        if isinstance(item, LiveEstimate) and (plane := self._place.plane):
-            stamp = self.clock.epoch + round(item.estimate.time * 1e9)
+        if isinstance(item, Estimate) and (plane := self._place.plane):
+            stamp = self._start + round(item.time * 1e9)
             words = {name.replace("_", " "): str(count) for name, count in counts.items()}
             add_live_estimate(self, plane, stamp, item, words)
 

@@ -46,9 +46,6 @@ class FakeCapture:
         self.count = 0
         return self
 
-    def isOpened(self) -> bool:
-        return self.is_plugged
-
     def set(self, name: int, value: float) -> None:
         self.asked[name] = value
 
@@ -156,7 +153,7 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     poses, diagnoses = topics["/palpate/object_pose"], topics["/palpate/diagnostics"]
     assert len(poses) == len(diagnoses) == found["tracked"] and len(topics["/sensor/pose"]) == FRAMES
     values = [{each.key: each.value for each in one.status[0].values} for _, one in diagnoses]
-    assert all(float(one["latency [ms]"]) > 0.0 and "sensor pose age [ms]" in one for one in values)
+    assert all("reason" in one for one in values)
     assert {one.status[0].message for _, one in diagnoses} == set(found["statuses"])
     code, out, _ = run_palpate("track", "live.mcap", "--first-pose", "0.3", "0.05", "0", "--json")
     assert code == 0 and json.loads(out)["frames"] == FRAMES
@@ -220,7 +217,7 @@ def test_a_camera_with_poses_by_udp(camera, run_palpate, fails):
         code, out, err = run_palpate(*words, "--record", "live.mcap", "--seconds", "3", "--json")
     assert code == 0 and camera.released == 2
     found = json.loads(out)
-    assert "a sensor pose is refused, " in err and all(len(line) < 400 for line in err.splitlines())
+    assert "a sensor pose is refused: " in err and all(len(line) < 400 for line in err.splitlines())
     assert found["tracked"] > 20 and found["refused_poses"] > len(RUBBISH)
     assert 5.0 < found["rate_hz"] < 110.0  # the camera's 100; a busy machine grabs fewer
     assert sorted(camera.asked.values()) == [1, 240, 320]
@@ -232,22 +229,21 @@ def test_a_camera_with_poses_by_udp(camera, run_palpate, fails):
     assert image is not None and np.abs(image[0, 0].astype(int) - (60, 30, 10)).max() < 6  # settled, and red first
 
 
-def test_camera_and_poses_are_lost_and_come_back(camera, run_palpate):
+def test_poses_are_lost_and_come_back_and_a_lost_camera_ends_it(camera, run_palpate):
     port = free_port()
     begin = time.monotonic()
 
     def packet(number: int) -> bytes:
-        camera.is_plugged = not 2.0 < time.monotonic() - begin < 2.3
-        is_stalled = 3.6 < time.monotonic() - begin < 4.0
-        return b"stalled" if is_stalled else pose_packet()
+        camera.is_plugged = time.monotonic() - begin < 4.0
+        return b"stalled" if 2.0 < time.monotonic() - begin < 2.4 else pose_packet()
 
     with sending(packet, port):
-        code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--seconds", "5", "--json")
+        code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--record", "live.mcap", "--json")
     found = json.loads(out)
-    assert code == 0 and camera.opened == camera.released == 2
-    for words in ("camera is lost", "camera is back after", "without a sensor pose, 1 so far: the last one before it"):
+    assert code == 0 and camera.opened == camera.released == 1
+    for words in ("camera is lost", "without a sensor pose: the last one before it"):
         assert err.count(words) == 1
-    assert found["without_pose"] > 0
+    assert found["without_pose"] > 0 and len(palpate.load_recording("live.mcap")) > 20
     assert found["images"] == found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"]
 
 
@@ -305,7 +301,7 @@ def test_a_camera_that_cannot_be_used(camera, fails):
     assert "gives no images" in fails(*words)
     camera.is_plugged = False
     assert "cannot be opened: another program" in fails(*words)
-    assert camera.released == 1 == camera.opened
+    assert camera.released == 2
     Path("video0").unlink()
     assert "video0 fits 0 of the cameras that are connected" in fails(*words)
 

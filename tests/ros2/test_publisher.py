@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from palpate import Estimate, SettingError, ros2
-from palpate.io.ros_messages import POSE, ros_types
-from palpate.live.session import LiveEstimate
+from palpate.io.ros_messages import POSE, POSE_TYPES, ros_types
 from palpate.live.sources import Refused, TimedPose
 from palpate.types.estimate import Answer
 
@@ -21,8 +20,12 @@ POSES = np.array([[0.1, 0.2, 0.0], [0.1, 0.24, np.pi / 2]])
 class FakeNode:
     """Stands for rclpy's node: somebody publishes `messages` of a type, and what palpate publishes is kept."""
 
-    def __init__(self, messages: list[Any], type_: str = POSE) -> None:
+    def __init__(self, messages: list[Any], type_: str = POSE, **parameters: Any) -> None:
         self.messages, self.type, self.published = messages, type_, dict[str, list[Any]]()
+        self.parameters = parameters
+
+    def declare_parameter(self, name: str, default: Any, descriptor: Any) -> Any:
+        return SimpleNamespace(value=self.parameters.get(name))
 
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=10**9))
@@ -43,7 +46,8 @@ class FakeNode:
 
 @pytest.fixture(autouse=True)
 def _types(monkeypatch):
-    monkeypatch.setattr(ros2, "message_type", lambda name: ros_types("cdr").types[name])
+    types = ros_types("cdr").types | {"rcl_interfaces/msg/ParameterDescriptor": SimpleNamespace}
+    monkeypatch.setattr(ros2, "message_type", types.__getitem__)
     monkeypatch.setitem(sys.modules, "rclpy.qos", SimpleNamespace(QoSProfile=lambda **_: None))
 
 
@@ -56,12 +60,13 @@ def message(height: float, w: float = 1.0, frame: str = "base") -> Any:
 
 def heard(topics: ros2.Topics, count: int) -> list[Any]:
     poses = topics.poses(threading.Event())
+    assert next(poses) == f"waiting for /sensor_pose, of type {' or '.join(POSE_TYPES)}"
     return [next(poses) for _ in range(count)]
 
 
 def test_poses_are_those_of_the_plane_through_the_first():
     messages = [message(0.2), message(0.23), message(0.2, 0.5), message(0.2, frame="map"), message(0.205)]
-    topics = ros2.Topics(FakeNode(messages), (0.0, 0.0, 1.0))
+    topics = ros2.Topics(FakeNode(messages))
     first, off, broken, other, last = heard(topics, 5)
     for pose in (first, last):
         assert isinstance(pose, TimedPose) and pose.pose == pytest.approx([0.5, 0.0, 0.0]) and pose.time == 0.0
@@ -75,25 +80,25 @@ def test_poses_of_a_flange_are_moved_to_the_gel():
     gel = (0.0, 0.0, 0.1, 0.0, -turn, 0.0, turn)
     flange = message(0.2)
     flange.pose.orientation = SimpleNamespace(x=0.0, y=turn, z=0.0, w=turn)  # its z axis along the world's x
-    (pose,) = heard(ros2.Topics(FakeNode([flange]), (0.0, 0.0, 1.0), gel), 1)
+    (pose,) = heard(ros2.Topics(FakeNode([flange], sensor_T_gel=gel)), 1)
     assert isinstance(pose, TimedPose) and pose.pose == pytest.approx([0.6, 0.0, 0.0])
 
 
 def test_a_topic_of_another_type_is_refused():
-    topics = ros2.Topics(FakeNode([], "std_msgs/msg/String"), (0.0, 0.0, 1.0))
+    topics = ros2.Topics(FakeNode([], "std_msgs/msg/String"))
     with pytest.raises(SettingError, match="/sensor_pose has messages of type std_msgs/msg/String, allowed are geom"):
         heard(topics, 1)
 
 
 def test_all_answers_are_published():
     node = FakeNode([message(0.25)])
-    topics = ros2.Topics(node, (0.0, 0.0, 1.0))
+    topics = ros2.Topics(node)
     heard(topics, 1)
     several = tuple(Answer(pose, COVARIANCE, weight) for pose, weight in zip(POSES, (0.7, 0.3), strict=True))
     ambiguous = Estimate(0.5, POSES[0], np.eye(3), True, "ambiguous", "2 poses fit", several)
     sure = Estimate(0.75, POSES[1], COVARIANCE, True, "tracking", "", (Answer(POSES[1], COVARIANCE, 1.0),))
     for estimate in (ambiguous, sure):
-        topics.publish({"left_out": 3}, LiveEstimate(estimate, 0.0, 0.004))
+        topics.publish({"left_out": 3}, estimate)
     published = node.published
     arrays, diagnoses = published["~/object_pose_answers"], published["~/diagnostics"]
     for index, poses in enumerate((POSES, POSES[1:])):
@@ -107,7 +112,8 @@ def test_all_answers_are_published():
     words = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
     assert [one["answer weights"] for one in words] == ["0.7000 0.3000", "1.0000"]
     assert [one["answer sigmas y [mm]"] for one in words] == ["3.00 3.00", "3.00"]
-    assert [(one["left out"], one["contact"], one["latency [ms]"]) for one in words] == [("3", "true", "4.0")] * 2
+    assert [(one["left out"], one["contact"]) for one in words] == [("3", "true")] * 2
+    assert [one["reason"] for one in words] == ["2 poses fit", ""]
 
 
 def test_without_rclpy_it_says_what_to_do(capsys):

@@ -128,7 +128,7 @@ def check_estimates(heard: dict[str, Any], recording: Recording) -> None:
         weights = [float(word) for word in values["answer weights"].split()]
         assert weights == pytest.approx([one.weight for one in direct.answers], abs=1e-3)
         assert len(answers[2]) == len(weights)
-        assert values["sensor pose age [ms]"] == "0.0" and level in (0, 1, 2)
+        assert level in (0, 1, 2)
         turned_by = max(turned_by, abs(expected[0, 1]) / np.sqrt(expected[0, 0] * expected[1, 1]))
     assert any(contacts) and not all(contacts)
     assert turned_by > 0.1  # else a covariance that is not turned would look the same

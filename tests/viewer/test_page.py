@@ -123,25 +123,6 @@ def test_object_and_sensor_lie_over_the_axes(written, browser):
     assert middle(browser, "#estimate > use")[0] == pytest.approx(expected, abs=2.0)
 
 
-def test_it_plays_to_the_end_and_pauses(written, browser):
-    opened(browser, written)
-    play = "document.getElementById('play').click()"
-    word = "document.getElementById('play').textContent"
-    words = browser.execute_async_script(
-        f"const done = arguments[0]; {play}; const playing = {word};"
-        f"setTimeout(() => {{ {play}; done([playing, {word}]); }}, 100)"
-    )
-    assert words == ["Pause", "Play"] and float(shown(browser, "time").split()[0]) < 1.6  # not the end any more
-    move_slider(browser, FRAMES - 5)
-    browser.set_script_timeout(10)
-    browser.execute_async_script(
-        f"const done = arguments[0]; {play}; const look = () => "
-        "document.getElementById('play').textContent === 'Play' ? done() : setTimeout(look, 20); look()"
-    )
-    assert shown(browser, "time") == "1.63 s"
-    assert browser.get_log("browser") == []
-
-
 def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
     palpate.write_recording(replace(pushed(), object_pose=None), tmp_path / "blind.mcap")
     words = ("track", tmp_path / "blind.mcap", "--html", "--first-pose", 0, 0, 3, "--out", tmp_path / "run")
@@ -153,6 +134,15 @@ def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
     assert "The truth is not known." in Page(page.read_text(encoding="utf-8")).words
     move_slider(browser, 20)
     assert browser.get_log("browser") == []
+
+
+def test_a_run_without_contact(tmp_path, command):
+    push = pushed()
+    assert push.contact is not None
+    palpate.write_recording(replace(push, contact=~push.contact & False), tmp_path / "away.mcap")
+    assert command("track", tmp_path / "away.mcap", "--html", "--out", tmp_path / "run") == 0
+    words = Page((tmp_path / "run" / "page.html").read_text(encoding="utf-8")).words
+    assert "° off." in words and "95 % region" not in words
 
 
 def test_a_name_that_is_no_text_and_settings_of_the_user(tmp_path, command, monkeypatch, caplog):

@@ -39,12 +39,13 @@ def live(
     from palpate.io.outlines import load_shape
     from palpate.live.camera import camera_sources
     from palpate.live.recorder import recorder
-    from palpate.live.session import LiveEstimate, LiveSession, stop_on_signals
+    from palpate.live.session import LiveSession, stop_on_signals
     from palpate.live.sources import replayed
     from palpate.pipeline.metrics import pose_words, world_sigma
     from palpate.pipeline.track import first_pose_of
     from palpate.touch.calibration import turned_as
     from palpate.tracker import Tracker
+    from palpate.types.estimate import Estimate
     from palpate.types.sensor import DIGIT
     from palpate.types.space import GelPoses
 
@@ -71,7 +72,7 @@ def live(
                 raise SettingError(f"--time-offset is {bag.time_offset:g}; allowed are -1 to 1 s")
             name, shape = f"camera {camera}", load_shape(bag.shape, bag.shape_unit)
             place = GelPoses(bag.sensor_T_gel, bag.plane)
-            opened = camera_sources(camera, poses, DIGIT, unit, place, bag.orientation, bag.time_offset)
+            opened = camera_sources(camera, poses, turned_as(DIGIT, unit), place, bag.orientation, bag.time_offset)
             with progress_bar("looking for images and poses"):
                 sources = stack.enter_context(opened)
         else:
@@ -90,10 +91,9 @@ def live(
         def listen(item: Any) -> None:
             if keep:
                 keep(item)
-            if isinstance(item, LiveEstimate):
-                one = item.estimate
-                words = pose_words(one.pose, world_sigma(one.pose, one.covariance))
-                bar(session.counts["tracked"], f"{one.status} {one.reason} {words}")
+            if isinstance(item, Estimate):
+                words = pose_words(item.pose, world_sigma(item.pose, item.covariance))
+                bar(session.counts["tracked"], f"{item.status} {item.reason} {words}")
 
         session.run(stop, listen, float("inf") if seconds is None else seconds)
     report(json, "live", session.summary())

@@ -84,7 +84,7 @@ def view(
     save: Annotated[Path | None, arg("FILE.rrd", "<name>.rrd")] = None,
     force: Force = False,
 ) -> int:
-    """Write a run or a recording for Rerun: the push from above, touch, errors and status over time.
+    """Write a run or a recording for Rerun: the push from above, touch and status over time.
 
     Example: palpate view runs/push && rerun push.rrd
 
@@ -92,13 +92,12 @@ def view(
         path: Folder of a run, or a recording in any known format.
         save: File to write.
     """
-    from palpate.viewer.rerun_view import save_scene
-    from palpate.viewer.scene import load_scene
+    from palpate.viewer.rerun_view import write_view
 
     file = save or Path(f"{printable(path.resolve().stem)}.rrd")
     check_new(file, force)
     with progress_bar(f"reading {path.name}"):
-        save_scene(load_scene(path), file, force)
+        write_view(path, file, force)
     print_line(f"{file}: open it with `rerun {file}`, which a computer with a display and rerun-sdk 0.41 has")
     return 0
 

@@ -3,7 +3,7 @@
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -13,7 +13,6 @@ import numpy as np
 
 from palpate.errors import SettingError
 from palpate.live.sources import Clock, Image, ImageSource, Sources, TouchImage, in_time, udp_poses
-from palpate.touch.calibration import Calibration, turned_as
 from palpate.types.images import CameraView, camera_view, scaled
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
@@ -22,79 +21,58 @@ BY_ID = Path("/dev/v4l/by-id")
 """Folder in which Linux lists cameras by serial."""
 
 
-class Camera:
-    """A camera read through V4L2 by OpenCV, that survives being unplugged and plugged in again."""
+@contextmanager
+def camera(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> Iterator[tuple[float, ImageSource]]:
+    """Open a camera by OpenCV while the block runs; yield its measured rate [Hz] and its images, until it is lost.
 
-    def __init__(self, path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> None:
-        """Open the camera and measure its rate. Raises SettingError if it cannot be opened or gives no images."""
-        self._path, self._sensor, self._clock, self._orientation = path, sensor, clock, orientation
-        self._capture: Any = None
-        images = self._open()
-        if not images:
-            raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
-        self.rate: float = (len(images) - 1) / (images[-1].time - images[0].time)
-        """Measured rate [Hz]."""
+    Its exposure settles for a second. Raises SettingError if it cannot be opened or gives no images.
+    """
+    os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")  # [s] instead of 10
+    import cv2
 
-    def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
-        """Yield each image with the time of its arrival and, as text, notes for the user; ends at the event."""
-        for _ in range(5):  # old ones, in the driver's buffer
-            self._read()
-        while not stop.is_set():
-            if image := self._read():
-                yield image
-                continue
-            lost = self._clock.now()
-            yield "the camera is lost, and is opened again as soon as it is there"
-            self.close()
-            while not stop.wait(0.5):
-                if self._open():
-                    yield f"the camera is back after {self._clock.now() - lost:.1f} s"
-                    break
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors are reported in one sentence
+    capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
+    # Cameras have landscape images, also those of a DIGIT.
+    sides = sensor.image_height, sensor.image_width
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, min(sides))
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, max(sides))
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
-    def close(self) -> None:
-        """Release the camera."""
-        if self._capture is not None:
-            self._capture.release()
-        self._capture = None
-
-    def _open(self) -> list[TouchImage]:
-        """Open the camera and return the images of one second, in which its exposure settles; none if that fails."""
-        os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")  # [s] instead of 10
-        import cv2
-
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors are reported in one sentence
-        capture = cv2.VideoCapture(str(self._path), cv2.CAP_V4L2)
-        if not capture.isOpened():
-            return []
-        # Cameras have landscape images, also those of a DIGIT.
-        sides = self._sensor.image_height, self._sensor.image_width
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, min(sides))
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, max(sides))
-        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        self._capture = capture
-        images, begin = [], self._clock.now()
-        while self._clock.now() - begin < 1.0 and (image := self._read()):
-            images.append(image)
-        if len(images) < 2:
-            self.close()
-            return []
-        return images
-
-    def _read(self) -> TouchImage | None:
+    def read() -> TouchImage | None:
         """Return the next image with the time of its arrival; None if the camera gives none."""
         for _ in range(10):  # more damaged images than that are a fault of the camera
             # OpenCV goes on grabbing from an unplugged camera.
-            if not self._path.exists() or not self._capture.grab():
+            if not path.exists() or not capture.grab():
                 return None
-            time = self._clock.now()
-            is_whole, pixels = self._capture.retrieve()
+            time = clock.now()
+            is_whole, pixels = capture.retrieve()
             if is_whole and pixels is not None and pixels.ndim == 3:
-                return TouchImage(time, upright(pixels, self._sensor, self._orientation))
+                return TouchImage(time, upright(pixels, sensor, orientation))
         return None
 
+    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
+        for _ in range(5):  # old ones, in the driver's buffer
+            read()
+        while not stop.is_set():
+            image = read()
+            yield image or "the camera is lost, which ends the session"
+            if image is None:
+                return
 
-def film(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> tuple[float, ImageSource]:
-    """Return rate [Hz] and images of a video, or of a folder in the order of their names, in place of a camera's.
+    try:
+        times, begin = list[float](), clock.now()
+        while clock.now() - begin < 1.0 and (image := read()):
+            times.append(image.time)
+        if len(times) < 2:
+            raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
+        yield (len(times) - 1) / (times[-1] - times[0]), images
+    finally:
+        capture.release()
+
+
+@contextmanager
+def film(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> Iterator[tuple[float, ImageSource]]:
+    """Yield rate [Hz] and images of a video, or of a folder in the order of their names, in place of a camera's.
 
     Raises SettingError if there are none.
     """
@@ -117,7 +95,7 @@ def film(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> t
         for time, image in zip(due, pixels, strict=False):
             yield "an image is damaged" if image is None else TouchImage(time, upright(image, sensor, orientation))
 
-    return rate, images
+    yield rate, images
 
 
 def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
@@ -135,29 +113,18 @@ def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
 
 @contextmanager
 def camera_sources(
-    name: str,
-    poses: str,
-    sensor: SensorProfile,
-    calibration: Calibration | None,
-    place: GelPoses,
-    orientation: str = "",
-    time_offset: float = 0.0,
+    name: str, poses: str, sensor: SensorProfile, place: GelPoses, orientation: str, time_offset: float
 ) -> Iterator[Sources]:
     """Open a camera (number, path or serial), or a video or folder in its place, and a source of poses.
 
     `place` takes the poses, `orientation` says how images lie, and `time_offset` [s] is added to their times. Raises
     SettingError if camera or source are missing.
     """
-    arriving, clock = turned_as(sensor, calibration), Clock()
-    path = Path(name)
-    with ExitStack() as stack:
-        if path.is_dir() or path.is_file():
-            rate, images = film(path, arriving, clock, orientation)
-        else:
-            camera = stack.enter_context(closing(Camera(camera_path(name), arriving, clock, orientation)))
-            rate, images = camera.rate, camera.images
-        source = stack.enter_context(udp_poses(poses, clock, place))
-        yield Sources(images, source, clock, replace(arriving, rate=rate), time_offset)
+    clock = Clock()
+    is_film = Path(name).is_dir() or Path(name).is_file()
+    opened = (film if is_film else camera)(Path(name) if is_film else camera_path(name), sensor, clock, orientation)
+    with opened as (rate, images), udp_poses(poses, clock, place) as source:
+        yield Sources(images, source, clock.now, replace(sensor, rate=rate), time_offset)
 
 
 def camera_path(name: str) -> Path:

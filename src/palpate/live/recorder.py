@@ -11,9 +11,10 @@ from palpate.io.estimates_mcap import add_estimates
 from palpate.io.mcap_file import growing_mcap, nanoseconds
 from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
 from palpate.io.ros_messages import COMPRESSED_IMAGE, POSE, MessageSink, ros_types
-from palpate.live.session import Listen, LiveEstimate
+from palpate.live.session import Listen
 from palpate.live.sources import TimedPose, TouchImage
 from palpate.pipeline.track import gathered
+from palpate.types.estimate import Estimate
 from palpate.types.images import codec_of, encode_image
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import Plane, flat, out_of_plane
@@ -26,17 +27,14 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
     Raises FileError if the file exists, unless `force`.
     """
     ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
-    plane, first = flat(), None
+    plane = flat()
     with growing_mcap(path, force) as file:
         describe(file, shape, sensor)
         file.flush()
 
-        def record(item: TouchImage | TimedPose | LiveEstimate) -> None:
-            nonlocal first
-            time = item.estimate.time if isinstance(item, LiveEstimate) else item.time
-            first = time if first is None else first
-            _, stamp = nanoseconds(path, np.array([first, time]))
-            if isinstance(item, LiveEstimate):
+        def record(item: TouchImage | TimedPose | Estimate) -> None:
+            (stamp,) = nanoseconds(path, np.array([item.time]))
+            if isinstance(item, Estimate):
                 add_live_estimate(file, plane, stamp, item, {})
             elif isinstance(item, TimedPose):
                 (position,), (rotation,) = out_of_plane(plane, item.pose[None])
@@ -51,16 +49,10 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
         yield record
 
 
-def add_live_estimate(sink: MessageSink, plane: Plane, stamp: int, last: LiveEstimate, more: Mapping[str, str]) -> None:
+def add_live_estimate(sink: MessageSink, plane: Plane, stamp: int, estimate: Estimate, more: Mapping[str, str]) -> None:
     """Add the messages of an estimate with its stamp [ns], the same in a file and on topics.
 
-    Its diagnostics hold the reason, the age of the sensor's pose, the latency, and `more`.
+    Its diagnostics hold the reason and `more`.
     """
-    values = {
-        "reason": last.estimate.reason,
-        "sensor pose age [ms]": f"{1e3 * last.pose_age:.1f}",
-        "latency [ms]": f"{1e3 * last.latency:.1f}",
-        **more,
-    }
-    trajectory, answers = gathered([last.estimate])
-    add_estimates(sink, trajectory, [stamp], plane, answers, values)
+    trajectory, answers = gathered([estimate])
+    add_estimates(sink, trajectory, [stamp], plane, answers, {"reason": estimate.reason, **more})

@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,19 +22,7 @@ from palpate.types.estimate import Estimate
 from palpate.types.images import decode_image
 from palpate.types.measurements import Frame
 
-
-class LiveEstimate(NamedTuple):
-    """An estimate and what it came from."""
-
-    estimate: Estimate
-    """Estimate at the image's time."""
-    pose_age: float
-    """Time from the last sensor pose to the image [s], over which motion is extrapolated; 0 if a pose follows it."""
-    latency: float
-    """Time from image to estimate [s]."""
-
-
-Listen = Callable[[TouchImage | TimedPose | LiveEstimate], Any]
+Listen = Callable[[TouchImage | TimedPose | Estimate], Any]
 """Receives everything that arrives and is estimated."""
 
 
@@ -51,16 +39,15 @@ class LiveSession:
         sensor poses taken and refused."""
         self.statuses: Counter[str] = Counter()
         """Estimates by status."""
-        self.last: LiveEstimate | None = None
+        self.last: Estimate | None = None
         """The last estimate."""
-        self._tracker, self._clock, self._sources = tracker, sources.clock, sources
+        self._tracker, self._now, self._sources = tracker, sources.now, sources
         self._listen: Listen = lambda item: None
         self._arrived: SimpleQueue[TouchImage | TimedPose | Refused | str | Exception] = SimpleQueue()
         self._poses = PoseTrack()
         self._newest: TouchImage | None = None
         self._times: deque[float] = deque(maxlen=60)  # of the last images
         self._latencies: array[float] = array("d")
-        self._next_note: dict[str, float] = {}
         self._tactile_reason = ""
 
     def run(self, stop: threading.Event, listen: Listen | None = None, seconds: float = np.inf) -> None:
@@ -74,9 +61,9 @@ class LiveSession:
         threads = [threading.Thread(target=self._read, args=(source, stop), daemon=True) for source in sources]
         for thread in threads:
             thread.start()
-        end = self._clock.now() + seconds
+        end = self._now() + seconds
         try:
-            while not stop.is_set() and self._clock.now() < end:
+            while not stop.is_set() and self._now() < end:
                 is_over = not threads[0].is_alive()  # asked before the queue, which nothing is put into afterwards
                 self._receive(0.02)
                 if self._newest is not None:
@@ -97,8 +84,7 @@ class LiveSession:
         latency = percentiles(self._latencies) if self._latencies else dict.fromkeys(PERCENTILES)
         found = {**self.counts, "rate_hz": rate, "latency_ms": latency, "statuses": dict(self.statuses)}
         if last := self.last:
-            found |= {"final_pose": last.estimate.pose.tolist()}
-            found |= {"status": last.estimate.status, "reason": last.estimate.reason}
+            found |= {"final_pose": last.pose.tolist(), "status": last.status, "reason": last.reason}
         return found
 
     def _read(self, source: ImageSource | PoseSource, stop: threading.Event) -> None:
@@ -141,14 +127,13 @@ class LiveSession:
         """Track the newest image, which waits up to 10 ms for a pose that follows it."""
         assert self._newest is not None
         image, self._newest = self._newest, None
-        last = self._clock.now() + 0.01
-        while not self._poses.reaches(image.time) and (left := last - self._clock.now()) > 0.0:
+        last = self._now() + 0.01
+        while not self._poses.reaches(image.time) and (left := last - self._now()) > 0.0:
             self._receive(left)
-        placed = self._poses.at(image.time)
-        if isinstance(placed, Refused):
-            self._count_fault("without_pose", "an image is without a sensor pose", placed.reason)
+        pose = self._poses.at(image.time)
+        if isinstance(pose, Refused):
+            self._count_fault("without_pose", "an image is without a sensor pose", pose.reason)
             return
-        pose, age = placed
         size = self._sources.sensor.image_height, self._sources.sensor.image_width
         try:
             pixels = decode_image(image.data, size) if isinstance(image.data, bytes) else image.data
@@ -163,17 +148,15 @@ class LiveSession:
             self.say(f"tactile {self._tracker.tactile}: {reason}")
         self.counts["tracked"] += 1
         self.statuses[estimate.status] += 1
-        latency = self._clock.now() - image.time
-        self._latencies.append(1e3 * latency)
-        self.last = LiveEstimate(estimate, age, latency)
-        self._listen(self.last)
+        self._latencies.append(1e3 * (self._now() - image.time))
+        self.last = estimate
+        self._listen(estimate)
 
     def _count_fault(self, name: str, fault: str, reason: str) -> None:
-        """Count a fault under a name and tell the user, once a second at most."""
+        """Count a fault under a name, and tell the user of the first."""
         self.counts[name] += 1
-        if (now := self._clock.now()) >= self._next_note.get(name, -np.inf):
-            self._next_note[name] = now + 1.0
-            self.say(f"{fault}, {self.counts[name]} so far: {reason}")
+        if self.counts[name] == 1:
+            self.say(f"{fault}: {reason}; further ones are counted")
 
 
 @contextmanager

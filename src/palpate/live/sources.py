@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,12 +74,13 @@ PoseSource = Callable[[threading.Event], Iterator[TimedPose | Refused | str]]
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Images and poses of one session, and their common clock."""
+    """Images and poses of one session."""
 
     images: ImageSource
     poses: PoseSource
     """Poses of the sensor."""
-    clock: Clock
+    now: Callable[[], float]
+    """Returns the time on their common clock [s]."""
     sensor: SensorProfile
     """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them."""
     time_offset: float = 0.0
@@ -104,8 +104,8 @@ class PoseTrack:
         """Return True if there is a pose at or after a time [s]."""
         return bool(self._poses) and self._poses[-1].time >= time
 
-    def at(self, time: float) -> tuple[Array, float] | Refused:
-        """Return the pose (3,) at a time [s], and the time over which motion is extrapolated to it [s].
+    def at(self, time: float) -> Array | Refused:
+        """Return the pose (3,) at a time [s].
 
         The motion of the last 50 ms is extrapolated if no later pose is known, but not over more than 150 ms.
         """
@@ -116,9 +116,9 @@ class PoseTrack:
         if (age := time - last.time) > 0.15:
             return Refused(f"the last one before it is {age:.2f} s older, allowed are 0.15 s")
         if count < len(self._poses):
-            return _on_line(last, self._poses[count], time), 0.0
+            return _on_line(last, self._poses[count], time)
         earlier = next(pose for pose in self._poses if pose.time >= last.time - 0.05)
-        return (last.pose if earlier is last else _on_line(earlier, last, time)), age
+        return last.pose if earlier is last else _on_line(earlier, last, time)
 
 
 def _on_line(start: TimedPose, end: TimedPose, time: float) -> Array:
@@ -139,7 +139,7 @@ def in_time(times: Iterable[float], clock: Clock, stop: threading.Event) -> Iter
 
 
 def replayed(recording: Recording) -> Sources:
-    """Return sources that play a recording in real time, with its own times, from the start of the session.
+    """Return sources that play a recording in real time, with its own times, from 0 s if it begins before that.
 
     Raises SettingError if it has no images.
     """
@@ -148,23 +148,25 @@ def replayed(recording: Recording) -> Sources:
         raise SettingError(f"{recording.file or 'the recording'}: has no images, and live tracking needs them")
     with suppress(FileError):
         recording[0]  # loads OpenCV before the session, not in its first step
-    clock = Clock(float(recording.time[0]) - 0.05)  # a moment for the threads to start
-
-    times = recording.time.tolist()
+    times = (recording.time - min(recording.time[0], 0.0)).tolist()
+    clock = Clock(times[0] - 0.05)  # a moment for the threads to start
 
     def play_images(stop: threading.Event) -> Iterator[TouchImage]:
-        for when, image in zip(in_time(times, clock, stop), images, strict=False):
-            yield TouchImage(when, image)
+        return map(TouchImage, in_time(times, clock, stop), images)
 
     def play_poses(stop: threading.Event) -> Iterator[TimedPose]:
         return map(TimedPose, in_time(times, clock, stop), recording.sensor_pose)
 
-    return Sources(play_images, play_poses, clock, recording.sensor)
+    return Sources(play_images, play_poses, clock.now, recording.sensor)
 
 
 @contextmanager
 def udp_poses(name: str, clock: Clock, place: GelPoses) -> Iterator[PoseSource]:
-    """Listen for poses at a port of this machine, udp:PORT, while the block runs. Raises SettingError."""
+    """Listen for poses at a port of this machine, udp:PORT, while the block runs. Raises SettingError.
+
+    They are JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, a pose has that of its arrival. It may
+    also be x, y, z and a quaternion x, y, z, w, or a 4x4 matrix.
+    """
     kind, _, port = name.partition(":")
     if kind != "udp" or not (port.isdecimal() and 0 < int(port) < 65536):
         raise SettingError(f"poses are to come from {name!r}; allowed is udp:PORT, with ports from 1 to 65535")
@@ -173,29 +175,26 @@ def udp_poses(name: str, clock: Clock, place: GelPoses) -> Iterator[PoseSource]:
             listening.bind(("127.0.0.1", int(port)))
         except OSError as error:
             raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
-        yield partial(_received, listening, clock, place)
+
+        def receive(stop: threading.Event) -> Iterator[TimedPose | Refused]:
+            listening.setblocking(False)
+            with suppress(BlockingIOError):
+                while True:  # drop what arrived before the session
+                    listening.recv(65536)
+            listening.settimeout(0.1)
+            while not stop.is_set():
+                with suppress(TimeoutError):
+                    yield _pose_in(listening.recv(65536), clock.now(), place)
+
+        yield receive
 
 
-def _received(
-    listening: socket.socket, clock: Clock, place: GelPoses, stop: threading.Event
-) -> Iterator[TimedPose | Refused]:
-    """Yield poses as JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, at that of their arrival.
-
-    A pose may also be x, y, z and a quaternion x, y, z, w, or a 4x4 matrix.
-    """
-    listening.setblocking(False)
-    with suppress(BlockingIOError):
-        while True:  # drop what arrived before the session
-            listening.recv(65536)
-    listening.settimeout(0.1)
-    while not stop.is_set():
-        with suppress(TimeoutError):
-            data, now = listening.recv(65536), clock.now()
-            try:
-                content = json.loads(data)
-                yield checked_pose(content.get("time", now), content["pose"], now, place)
-            except (ValueError, RecursionError, AttributeError, KeyError):
-                yield Refused(f"{data[:60]!a} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
+def _pose_in(packet: bytes, now: float, place: GelPoses) -> TimedPose | Refused:
+    try:
+        content = json.loads(packet)
+        return checked_pose(content.get("time", now), content["pose"], now, place)
+    except (ValueError, RecursionError, AttributeError, KeyError):
+        return Refused(f"{packet[:60]!a} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
 
 
 def checked_pose(time: Any, numbers: Any, now: float, place: GelPoses, frame: str = "world") -> TimedPose | Refused:

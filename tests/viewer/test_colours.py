@@ -1,0 +1,11 @@
+"""Colours of views."""
+
+from typing import get_args
+
+from palpate.types.estimate import Status
+from palpate.viewer.page import STATUS_COLOURS
+
+
+def test_every_status_has_a_colour():
+    assert set(STATUS_COLOURS) == set(get_args(Status))
+    assert len(set(STATUS_COLOURS.values())) == len(STATUS_COLOURS)
