@@ -1,7 +1,7 @@
 """Checks of a recording: its contents, and everything that is wrong with it."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +17,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-class Finding(NamedTuple):
-    """One thing that is wrong with a recording, in frames from `start` to `end`."""
-
-    kind: str
-    """rate, unit, time gap or image."""
-    start: int
-    end: int
-    sentence: str
-
-
 def check_recording(recording: Recording) -> dict[str, Any]:
     """Return the contents of a recording and everything that is wrong with it. Decodes every image.
 
@@ -34,7 +24,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - contact: measured, derived (from ground truth and geometry) or absent; contact_share, truth_share: of the frames.
     - contacts: start_s and end_s of each contact, since the first frame.
     - images: number of frames with an image; image_size: rows and columns [px].
-    - findings: kind, start_s, end_s and sentence, see `Finding`.
+    - findings: kind (rate, unit, time gap or image), start_s, end_s and sentence.
     """
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
     step = np.diff(time)
@@ -60,31 +50,34 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _faults(recording: Recording) -> Iterator[Finding]:
-    """Find another rate, lengths that are implausible in metres, missing frames and damaged images."""
+def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
+    """Find another rate, lengths that are implausible in metres, missing frames and damaged images.
+
+    Yields the kind, the first and the last frame, and a sentence.
+    """
     step, wanted = np.diff(recording.time), recording.sensor.rate
     if len(step) > 1:
         rate = 1.0 / float(np.median(step))
         if abs(rate / wanted - 1.0) > 0.05:
             question = other_time_unit(1.0 / rate, wanted)
             words = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz"
-            yield Finding("rate", 0, -1, f"{words}{question and ': '}{question}")
+            yield ("rate", 0, -1, f"{words}{question and ': '}{question}")
         if sentence := too_often(rate):
-            yield Finding("rate", 0, -1, sentence)
+            yield ("rate", 0, -1, sentence)
     if wrong := wrong_width(recording.shape):
-        yield Finding("unit", 0, -1, wrong)
+        yield ("unit", 0, -1, wrong)
     for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
         try:
             check_metres(name, np.empty((0, 2)) if poses is None else poses[:, :2])
         except FileError as error:
-            yield Finding("unit", 0, -1, str(error))
+            yield ("unit", 0, -1, str(error))
     for frame in _gaps(recording.time).tolist():
-        yield Finding("time gap", frame, frame + 1, f"no frames for {step[frame]:.2f} s")
+        yield ("time gap", frame, frame + 1, f"no frames for {step[frame]:.2f} s")
     for frame in range(len(recording)) if recording.image is not None else ():
         try:
             recording[frame]
         except FileError as error:
-            yield Finding("image", frame, frame, str(error))
+            yield ("image", frame, frame, str(error))
 
 
 def _gaps(time: Array) -> NDArray[np.intp]:

@@ -143,8 +143,7 @@ def _title(run: Run) -> str:
         translation, rotation = summary["final_translation_error_mm"], summary["final_rotation_error_deg"]
         seconds = summary["final_scored_time_s"] - run.online.time[0]
         error = f"final error {translation:.1f} mm and {rotation:.1f}°, at {seconds:.1f} s"
-    kind = f"tactile {summary['tactile']}, {summary['smoother']}"
-    return f"{textwrap.shorten(name, 120, placeholder=' ...')}\n{kind}; final pose {pose} (1 sigma)\n{error}"
+    return f"{textwrap.shorten(name, 120, placeholder=' ...')}\nfinal pose {pose} (1 sigma)\n{error}"
 
 
 def _placed(run: Run, pose: Array) -> Array:
