@@ -80,8 +80,8 @@ def evaluate(
     else:
         counts = {key: results["study"][key] for key in ("trials", "kept", "skipped", "failed", "wall_s")}
         reasons = Counter(each["reason"] for each in results["skipped"])
-        methods = results["table"].get(ALL, {})
-        rows = {method: {key: row[key] for key in SHOWN} for method, row in methods.items()}
+        table = results["table"].get(ALL, {})
+        rows = {method: {key: row[key] for key in SHOWN} for method, row in table.items()}
         report(json, "study", {"report": str(out), **counts, "reasons": dict(reasons), ALL: rows})
     return 3 if study.failed else 0
 
