@@ -117,7 +117,7 @@ EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnp.exe\x08\r"
 
 def test_text_in_a_file_does_not_move_the_cursor(tmp_path, run_palpate):
     sensor = SensorProfile(name=EVIL, radius=0.01)
-    made = Recording(np.arange(5) / 30, np.zeros((5, 3)), Disc(0.1), sensor, source=EVIL, frames={EVIL: EVIL})
+    made = Recording(np.arange(5) / 30, np.zeros((5, 3)), Disc(0.1), sensor, source=EVIL)
     palpate.write_recording(made, tmp_path / "a.mcap")
     for words in (("info", tmp_path / "a.mcap"), ("info", tmp_path / "a.mcap", "--json"), ("info", tmp_path / EVIL)):
         _, out, err = run_palpate(*words)

@@ -67,7 +67,7 @@ def test_the_wheel_works_without_the_extras(wheel, tmp_path):
     assert (tmp_path / "bin" / "palpate").exists()
     palpate.write_recording(pushed(), tmp_path / "push.mcap")
     lacking = {"sim": "simulate out", "train": "train . --out out", "view": "view push.mcap"}
-    words = [sys.executable, "-c", WITHOUT, ",".join(modules_of_extras(wheel)), "convert push.mcap push.tum"]
+    words = [sys.executable, "-c", WITHOUT, ",".join(modules_of_extras(wheel)), "convert push.mcap copy.mcap"]
     environment = {"PYTHONPATH": str(tmp_path), "NO_COLOR": "1"}
     done = subprocess.run([*words, *lacking.values()], cwd=tmp_path, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr

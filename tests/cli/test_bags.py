@@ -41,7 +41,7 @@ def test_info_lists_topics_and_what_would_be_read(succeeds, json_of):
     assert "/digit/image/compressed sensor_msgs/msg/CompressedImage ros1 24 30 0.0333" in image
     assert "palpate track push.bag --shape NAME|FILE --first-pose X Y THETA" in out
     found = json_of("info", "push.bag")
-    assert (found["format"], found["cut"], found["images"]) == ("bag", False, "/digit/image/compressed")
+    assert (found["format"], found["source"]) == ("bag", "bag push.bag: /digit/image/compressed, /ee_pose")
     poses = found["topics"][2]
     assert (poses["topic"], poses["messages"], poses["rate_hz"]) == ("/ee_pose", 68, pytest.approx(50.0))
 
@@ -56,7 +56,7 @@ def test_track_reads_a_bag_and_writes_messages(succeeds):
     succeeds(*TRACK, "--force")
     assert not Path("runs/push/estimates.mcap").exists()
     settings = json.loads(Path("runs/push/settings.json").read_text())
-    assert settings["source"] == "bag push.bag, images /digit/image/compressed"
+    assert settings["source"] == "bag push.bag: /digit/image/compressed, /ee_pose"
 
 
 def test_track_reads_a_folder_and_named_topics(json_of):

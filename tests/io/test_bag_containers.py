@@ -69,7 +69,9 @@ def test_a_database_without_its_folder(tmp_path, topics):
     (database,) = folder.glob("*.db3")
     assert counts(topics(database)) == COUNTS
     (folder / "metadata.yaml").unlink()
-    with pytest.raises(FileError, match=r"without metadata.yaml, .*; give .*bag\.db3, or run `ros2 bag reindex`"):
+    with pytest.raises(
+        FileError, match=r"not in its metadata.yaml, .* run `ros2 bag reindex` on the folder, or give .*bag\.db3"
+    ):
         read_bag(folder, Disc(0.05))
 
 

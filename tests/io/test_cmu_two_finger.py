@@ -34,7 +34,7 @@ def test_cmu_is_read(tmp_path):
     assert found.shape == Rectangle(0.051, 0.036)
     # The apexes are 2.5 mm ahead of the hand's origin.
     np.testing.assert_allclose(found.sensor_pose[[0, 99], 0], [0.0025, 0.0025 + 20e-3 * 99 * 0.03], atol=1e-6)
-    assert found.contact is not None and found.object_pose is not None and found.episode is not None
+    assert found.contact is not None and found.object_pose is not None
     gap = gaps(found)
     steady = np.r_[6:40, 110:190]
     np.testing.assert_allclose(gap[steady], 0.0, atol=0.02e-3)
@@ -43,7 +43,6 @@ def test_cmu_is_read(tmp_path):
     assert runs(np.isnan(found.object_pose[:, 0])) == [[44, 55]]
     # 1 mm at 20 mm/s is 0.05 s: each action's first two frames (0 and 0.03 s) are clear of the object.
     assert runs(found.contact) == [[2, 100], [102, 200]]
-    assert found.episode.tolist() == [-1] * 2 + [0] * 98 + [-1] * 2 + [1] * 98
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recording_samples import pushed, trajectory
+from recording_samples import trajectory
 
-from palpate import POINT, Disc, FileError, Recording, Trajectory
-from palpate import io as formats
+from palpate import FileError, Trajectory
 from palpate.io.trajectories import read_estimates_csv, write_estimates_csv, write_tum
 
 COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"  # and reason, since it was added
@@ -21,14 +20,6 @@ def test_tum_lines_are_as_the_format_has_them(tmp_path):
     assert path.read_text() == line
     with pytest.raises(FileError, match="already exists"):
         write_tum(trajectory(), path)
-
-
-def test_tum_of_a_recording_is_its_truth(tmp_path):
-    made = pushed()
-    formats.write(made, tmp_path / "a.tum")
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.tum")[:, 1:3], made.object_pose[:, :2], atol=1e-9)
-    with pytest.raises(FileError, match="no object poses"):
-        formats.write(Recording(made.time, made.sensor_pose, Disc(0.1), POINT), tmp_path / "b.tum")
 
 
 def test_csv_round_trip_is_exact(tmp_path):

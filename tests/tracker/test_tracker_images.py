@@ -41,7 +41,7 @@ def test_contact_is_what_images_show_whatever_the_flags_say(recording):
     touched = recording.contact
     assert touched is not None and touched.any()
     for flags in (None, np.zeros(len(recording), bool), ~touched):
-        found = track(dataclasses.replace(recording, contact=flags, episode=None)).online.contact
+        found = track(dataclasses.replace(recording, contact=flags)).online.contact
         assert found is not None
         assert np.mean(found != touched) < 0.02
         assert not found[~touched].any()
@@ -93,7 +93,6 @@ def of_frames(recording: Recording, chosen: list[int]) -> Recording:
         object_pose=recording.object_pose[chosen],
         contact=recording.contact[chosen],
         image=tuple(recording.image[index] for index in chosen),
-        episode=None,
         extra={},
     )
 

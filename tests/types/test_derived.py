@@ -3,7 +3,7 @@
 import numpy as np
 from recording_samples import runs
 
-from palpate.lab.simulate.recordings import episode_numbers
+from palpate.lab.paper.images import episode_numbers
 from palpate.types.recording import contact_flags, held, impossible, spikes
 
 

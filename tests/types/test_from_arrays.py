@@ -76,7 +76,6 @@ def test_images_get_the_pose_at_their_time():
 def test_poses_in_space(way):
     recording = made(poses=way(true_pose(POSE_TIME)))
     same(recording.sensor_pose, true_pose(IMAGE_TIME))
-    assert "0.0 degrees off its xy plane at 250.0 mm" in recording.frames["sensor_pose"]
 
 
 class Tensor:
@@ -139,7 +138,6 @@ def test_images_that_are_stamped_late(caplog):
     same(recording.sensor_pose, true_pose(IMAGE_TIME[1:] - 0.05))
     assert "1 of 20 images have no sensor pose at their time" in caplog.text
     assert (recording[0].image == tiny_images(20)[1]).all()
-    assert "-0.05 s" in recording.frames["sensor_pose"]
 
 
 def test_images_come_in_any_form(tmp_path):
@@ -180,9 +178,8 @@ def test_a_tilted_plane(caplog):
     poses = tilt @ in_space(true_pose(POSE_TIME), 0.0)
     assert not caplog.records
     same(made(poses=poses, plane=tuple(tilt[:3, 2])).sensor_pose, true_pose(IMAGE_TIME))
-    leaning = made(poses=poses, off_plane=0.1)
+    made(poses=poses, off_plane=0.1)
     assert "tilted out of the plane by up to 5.7 degrees" in caplog.text
-    assert "off its xy plane" in leaning.frames["sensor_pose"]
     with pytest.raises(FileError, match=r"off the plane .* allowed are 1 mm; off_plane .* allows more"):
         made(poses=poses, off_plane=0.001)
     curved = true_pose(POSE_TIME) + np.column_stack([0.2 * POSE_TIME**2, np.zeros((50, 2))])

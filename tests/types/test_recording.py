@@ -52,8 +52,6 @@ def test_colours_keep_their_order():
         ({"sensor_pose": np.full((5, 3), np.inf)}, r"sensor_pose: frame 0 is \[inf, inf, inf\]"),
         ({"object_pose": np.tile([0, np.nan, 0], (5, 1))}, r"frame 0 is \[0.0, nan, 0.0\], allowed is three"),
         ({"contact": np.zeros(5)}, "contact: found values of type float64, expected booleans"),
-        ({"episode": np.zeros(5)}, "episode: found values of type float64, expected integers"),
-        ({"episode": np.array([0, 0, -2, 0, 0])}, "episode: frame 2 is -2, allowed is 0, 1, 2"),
         ({"image": tiny_images(5)}, r"image 0 is an array of shape \(12, 8, 3\).*Recording.from_arrays encodes"),
         ({"image": ("x.png",) * 5}, "image 0 is str, expected encoded bytes"),
         ({"image": (b"",) * 4}, "image: found 4 images for 5 times"),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from palpate.cli.console import print_line, progress_bar, report
 from palpate.cli.options import Bag, Force, Json, Orientation, Sensor, arg, check_new
-from palpate.errors import FileError, printable
+from palpate.errors import FileError, SettingError, printable
 
 if TYPE_CHECKING:
     from palpate.touch.calibration import Calibration
@@ -59,20 +59,22 @@ def convert(
     json: Json = False,
     bag: Bag = Bag(),
 ) -> int:
-    """Convert a bag or a recording of another format to a recording of palpate, or its true poses to a .tum.
+    """Convert a bag or a recording of another format to a recording of palpate.
 
     Example: palpate convert robot.bag push.mcap --shape 0.09x0.06
 
     Args:
         source: A recording in any known format, or a bag.
-        target: File to write; its extension gives the format: .mcap or .tum.
+        target: File to write, .mcap.
     """
-    from palpate import io as formats
+    from palpate.io.recording_mcap import write_recording
 
+    if target.suffix.lower() != ".mcap":
+        raise SettingError(f"{target}: extension {target.suffix!r} is of no format to write, allowed is .mcap")
     check_new(target, force)
     with progress_bar(f"converting {source.name}"):
         found = bag.read(source)[0]
-        formats.write(found, target, overwrite=force)
+        write_recording(found, target, overwrite=force)
     report(json, target.name, {"in": str(source), "out": str(target), "frames": len(found)})
     return 0
 
@@ -125,24 +127,22 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     """Return the topics of a bag, what tracking would read, and the command that does or why there is none."""
     from palpate.geometry.shapes import Disc
     from palpate.io.rosbag_reader import contents
-    from palpate.io.rosbag_recording import BagChoices, mapping, read_contents
+    from palpate.io.rosbag_recording import BagChoices, read_contents
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import known_sensor
 
     found, choices, profile = contents(path), BagChoices(orientation=orientation), known_sensor(sensor)
-    bag: dict[str, Any] = {"cut": found.cut, "topics": [topic.about() for topic in found.topics]}
+    bag: dict[str, Any] = {"topics": [topic.about() for topic in found.topics]}
     bag["frames"] = {child: " or ".join(above) for child, above in found.parents.items()}
     try:
-        chosen = mapping(found, choices, profile)
-        recording = read_contents(found, chosen, choices, Disc(0.05), profile).recording
+        recording = read_contents(found, Disc(0.05), choices, profile).recording
     except FileError as error:
         others = "" if sensor != "digit" else "; for images of a GelSight Mini, --sensor gelsight-mini"
         return bag | {"advice": f"{error}{others}"}
     damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
     options = (f" --sensor {sensor}" if sensor != "digit" else "") + (orientation and f" --orientation {orientation}")
     return bag | {
-        "images": chosen.images,
+        "source": recording.source,
         "damaged_images": damaged,
-        "sensor_poses": chosen.sensor.name,
         "advice": f"palpate track {found.path}{options} --shape NAME|FILE --first-pose X Y THETA",
     }

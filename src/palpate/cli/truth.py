@@ -76,18 +76,19 @@ def truth(
     """
     import numpy as np
 
-    from palpate import io as formats
     from palpate.files import in_file
+    from palpate.io import load_recording
+    from palpate.io.recording_mcap import write_recording
     from palpate.lab.truth.alignment import align, with_truth
     from palpate.lab.truth.camera import load_camera, read_video, track_tags
 
     check_new(out, force)
-    given, overhead = formats.load_recording(recording), load_camera(camera)
+    given, overhead = load_recording(recording), load_camera(camera)
     with progress_bar(f"looking for tags in {video.name}"), in_file(video):
         tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
         alignment = align(given.time, given.sensor_pose, tag_on_sensor)
     found = with_truth(given, tag_on_object, alignment)
-    formats.write(found, out, overwrite=force)
+    write_recording(found, out, overwrite=force)
     assert found.object_pose is not None
     summary = {
         "frames": len(found),

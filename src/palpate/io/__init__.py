@@ -7,12 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError
 from palpate.io.cmu_two_finger import is_cmu_log, read_cmu_log
 from palpate.io.mit_push import is_mit_push, read_mit_push
-from palpate.io.recording_mcap import is_recording, read_recording, write_recording
+from palpate.io.recording_mcap import is_recording, read_recording
 from palpate.io.rosbag_reader import existing_bag, is_bag, refuse_bag
-from palpate.io.trajectories import write_tum
 from palpate.types.recording import Recording
 
 
@@ -51,12 +50,3 @@ def load_recording(path: Path | str) -> Recording:
         )
     known = "; ".join(f"{name}: {format.description}" for name, format in FORMATS.items())
     raise FileError(f"{path}: is in no known format; known are {known}")
-
-
-def write(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
-    """Write a recording as .mcap, or its ground truth as .tum. Raises FileError and SettingError."""
-    writers = {".mcap": write_recording, ".tum": write_tum}
-    suffix = Path(path).suffix
-    if suffix.lower() not in writers:
-        raise SettingError(f"{path}: extension {suffix!r} is of no format, allowed are {', '.join(writers)}")
-    writers[suffix.lower()](recording, Path(path), overwrite)

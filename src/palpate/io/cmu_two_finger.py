@@ -64,53 +64,33 @@ def read_cmu_log(path: Path) -> Recording:
         metres = np.array([1e-3, 1e-3, 1.0])
         sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
         seen = rows[:, 1:4] * metres
-        seen[(seen == 0).all(axis=1)] = np.nan
-        truth = _at(time + LATENCY, time, seen)
+        known = (seen != 0).any(axis=1)
+        seen[~known] = np.nan  # so are truths between one that is lost and another
+        seen[known, 2] = np.unwrap(seen[known, 2])
+        # After the last row its pose stays: the hand stands still at the end of a log.
+        truth = np.column_stack([np.interp(time + LATENCY, time, column) for column in seen.T])
+        truth[:, 2] = se2.wrap(truth[:, 2])
         # The action id may change one row before the hand is in its new place; the clock jumps with the hand.
         is_new = (np.diff(rows[:, 7]) != 0) | (np.diff(time) > 0.5)
-        contact, episode = _contacts(is_new, sensor_pose, HAND.gaps(sensor_pose, truth, RECTANGLE))
         return Recording(
             time=time,
             sensor_pose=sensor_pose,
             shape=RECTANGLE,
             sensor=HAND,
             object_pose=truth,
-            contact=contact,
-            episode=episode,
+            contact=_contacts(is_new, sensor_pose, HAND.gaps(sensor_pose, truth, RECTANGLE)),
             contact_derived=True,
             source=f"CMU PlanarManipulationToolBox, {path.name}",
-            frames={
-                "sensor_pose": "robot hand, moved on by one tip radius to the midpoint of the apexes",
-                "object_pose": f"camera tag, its latency of {LATENCY:g} s taken out; NaN where the tag was lost",
-                "contact": "gap between tips and rectangle by the camera; not carried over from action to action",
-            },
             file=path,
         )
 
 
-def _at(wanted: Array, time: Array, pose: Array) -> Array:
-    """Return poses (M, 3) at the wanted times, linear between rows (N, 3); NaN if a row on either side is.
-
-    After the last row its pose stays: the hand stands still at the end of a log.
-    """
-    known = ~np.isnan(pose[:, 0])
-    if not known.any():
-        return np.full((len(wanted), 3), np.nan)
-    wanted = np.minimum(wanted, time[-1])
-    found = se2.interpolated(wanted, time[known], pose[known])
-    after = np.searchsorted(time, wanted)
-    found[~(known[after] & known[np.maximum(after - 1, 0)])] = np.nan
-    return found
-
-
-def _contacts(is_new: NDArray[np.bool_], sensor_pose: Array, gap: Array) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return contact flags and numbers of contacts (N,); `is_new` (N - 1,) is true from one action to the next.
+def _contacts(is_new: NDArray[np.bool_], sensor_pose: Array, gap: Array) -> NDArray[np.bool_]:
+    """Return contact flags (N,); `is_new` (N - 1,) is true from one action to the next.
 
     The hand lets go between actions, so no flag is carried from one into the next.
     """
     contact = np.zeros(len(gap), np.bool_)
-    episode = np.full(len(gap), -1, np.int64)
-    number = 0
     for start, end in pairwise([0, *(np.flatnonzero(is_new) + 1).tolist(), len(gap)]):
         travel = np.maximum.accumulate(np.hypot(*(sensor_pose[start:end, :2] - sensor_pose[start, :2]).T))
         pushing = gap[start:end][(travel > 0.01) & np.isfinite(gap[start:end])]
@@ -122,8 +102,5 @@ def _contacts(is_new: NDArray[np.bool_], sensor_pose: Array, gap: Array) -> tupl
         clear = travel < 1e-3  # an action starts clear of the object
         # The gap of a steady push is 1.0 mm uncertain and drifts by up to 2 mm across the table, so the last 1 to 2 mm
         # of an approach count as contact too.
-        flags = contact_flags(np.where(clear, np.inf, gap[start:end]), touch=2.5e-3, release=3.5e-3)
-        contact[start:end] = flags
-        episode[start:end][flags] = number
-        number += int(flags.any())
-    return contact, episode
+        contact[start:end] = contact_flags(np.where(clear, np.inf, gap[start:end]), touch=2.5e-3, release=3.5e-3)
+    return contact

@@ -1,6 +1,5 @@
 """MCAP files: their records from front to back, also of a file that is cut off, and writers of ROS 2 messages."""
 
-import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,11 +23,10 @@ class CutShort(Exception):
 class MessageWriter(MessageSink):
     """Puts messages, metadata and attachments into an MCAP that is open."""
 
-    def __init__(self, writer: Any, chunk_seconds: float = np.inf) -> None:
-        """Take the `mcap` writer; a chunk is ended, and kept by the system, after `chunk_seconds`."""
-        self._writer, self._chunk_seconds = writer, chunk_seconds
+    def __init__(self, writer: Any) -> None:
+        """Take the writer of `mcap`."""
+        self._writer = writer
         self._channels: dict[str, int] = {}
-        self._flushed = clock.monotonic()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Attach a file, at this place among the messages."""
@@ -47,13 +45,6 @@ class MessageWriter(MessageSink):
             self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
         data = bytes(store.serialize_cdr(self.make(type_, **fields), type_))
         self._writer.add_message(self._channels[topic], time, data, time)
-        if clock.monotonic() - self._flushed >= self._chunk_seconds:
-            self.flush()
-
-    def flush(self) -> None:
-        """End the chunk and hand it to the operating system, which keeps it if this process is killed."""
-        self._writer.flush()
-        self._flushed = clock.monotonic()
 
     def make(self, type_: str, **fields: Any) -> Any:
         """Return a message, or a part of one."""
@@ -69,28 +60,28 @@ def new_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWrite
 
 @contextmanager
 def growing_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWriter]:
-    """Open a new MCAP that is at its place from the start; all but the last half second stays if the process is killed.
+    """Open a new MCAP that is at its place from the start; all but the last few kB stay if the process is killed.
 
     Raises FileError where the file exists, unless `overwrite`.
     """
     path = new_file(path, overwrite)
     try:
-        with _writing(path, chunk_seconds=0.5) as writer:
+        with _writing(path, in_chunks=False) as writer:
             yield writer
     except OSError as error:
         raise FileError(f"{path}: cannot be written ({error})") from error
 
 
 @contextmanager
-def _writing(path: Path, chunk_seconds: float = np.inf) -> Iterator[MessageWriter]:
+def _writing(path: Path, in_chunks: bool = True) -> Iterator[MessageWriter]:
     from mcap.writer import CompressionType, Writer
 
     with path.open("wb") as file:
         # Images are compressed already; data checksums find a damaged record anywhere.
-        writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
+        writer = Writer(file, compression=CompressionType.NONE, use_chunking=in_chunks, enable_data_crcs=True)
         writer.start(profile="ros2", library="palpate")
         try:
-            yield MessageWriter(writer, chunk_seconds)
+            yield MessageWriter(writer)
         finally:
             writer.finish()
 

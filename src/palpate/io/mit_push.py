@@ -80,11 +80,6 @@ def _recording(data: dict[str, Any], path: Path) -> Recording:
         contact=_contact(gap[keep]),
         contact_derived=True,
         source=f"MIT cpush, {path.name}, read at {TIP.rate:g} Hz",
-        frames={
-            "sensor_pose": "robot; apex of the tip, heading along the net displacement of the run",
-            "object_pose": "motion capture; NaN in drop-outs and where it lags behind the tip by over 3 mm",
-            "contact": "gap between tip and square by motion capture",
-        },
         file=path,
     )
 

@@ -38,9 +38,9 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
     """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
 
     Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
-    SVG and DXF (`pip install palpate[outlines]`). A table of 50 points or more that are noisy is a scan, to which
-    sides are fitted. `unit` is that of the numbers, by default metres, or the drawing's own. Points keep their places
-    in the object frame; an SVG, whose origin is a corner of the page, is put about its centroid, y up.
+    SVG and DXF (`pip install palpate[outlines]`). `unit` is that of the numbers, by default metres, or the drawing's
+    own. Points keep their places in the object frame; an SVG, whose origin is a corner of the page, is put about its
+    centroid, y up.
 
     Raises SettingError for a name that is not known, FileError for a file without an outline or in another unit.
     """
@@ -75,7 +75,7 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
 
 
 def _read_table(path: Path, scale: float | None) -> Shape:
-    """Return the outline through points x y, one a line, in a unit of `scale` [m]; that of a scan is simplified."""
+    """Return the outline through points x y, one a line, in a unit of `scale` [m]."""
     rows = table_rows(re.sub("#.*", "", read_text(path)), path)
     if rows and all(numbers_of([word]) is None for word in rows[0][1]):
         names = [column_name(word) for word in rows.pop(0)[1]]
@@ -92,53 +92,7 @@ def _read_table(path: Path, scale: float | None) -> Shape:
         if len(words) != 2 or numbers_of(words) is None:
             raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words).strip()!r}")
     points = np.array([words for _, words in rows], np.float64) * (scale or 1.0)
-    noise = _noise(points)
-    if not noise:
-        return _of_few_corners(Polygon(points))
-    outline = _fitted(points, 6.0 * noise)
-    words = "%s: its %d points are taken as a scan with a standard deviation of %.2f mm: an outline of %d corners"
-    noise = float(np.sqrt(np.mean(outline.signed_distance(points) ** 2)))
-    logger.warning(words, path, len(points), noise * 1e3, len(outline.vertices))
-    return outline
-
-
-def _fitted(ring: Array, tolerance: float) -> Polygon:
-    """Return the outline whose sides are fitted to the points (N, 2) of a scan; `tolerance` [m] covers their noise."""
-    import shapely
-
-    ring = np.roll(ring, -int(np.argmax(np.linalg.norm(ring - ring.mean(axis=0), axis=1))), axis=0)  # from a corner
-    rough = shapely.LineString(np.vstack([ring, ring[:1]])).simplify(tolerance, preserve_topology=False)
-    ends = np.flatnonzero((ring[:, None] == shapely.get_coordinates(rough)).all(axis=2).any(axis=1))
-    corners, sides = ring[ends], []
-    for side in np.split(ring, ends[1:]):
-        middle = side.mean(axis=0)
-        normal = np.linalg.svd(side - middle)[2][1]
-        sides.append((normal, normal @ middle))
-    for index, (normal, offset) in enumerate(sides):
-        before, offset_before = sides[index - 1]
-        if abs(before[0] * normal[1] - before[1] * normal[0]) > 0.2:  # else they are nearly parallel
-            meeting = np.linalg.solve(np.array([before, normal]), [offset_before, offset])
-            if np.linalg.norm(meeting - corners[index]) < 2.0 * tolerance:
-                corners[index] = meeting
-    return Polygon(corners)
-
-
-def _noise(ring: Array) -> float:
-    """Return the standard deviation of a scan's points (N, 2) in order, across the outline [m]; 0 if it is no scan.
-
-    By fourth differences over a sixtieth of the way, in which straight sides and even curves cancel; their median, so
-    that corners do not count. Their coefficients 1/4, -1, 3/2, -1, 1/4 make white noise 2.09 times as large.
-    """
-    if len(ring) < 50 or not is_near(ring).all():
-        return 0.0
-    apart = len(ring) // 60 or 1
-    before, after = np.roll(ring, apart, axis=0), np.roll(ring, -apart, axis=0)
-    along = after - before
-    off = ring - 0.5 * (before + after)
-    across = (off[:, 1] * along[:, 0] - off[:, 0] * along[:, 1]) / np.maximum(np.linalg.norm(along, axis=1), 1e-12)
-    fourth = across - 0.5 * (np.roll(across, apart) + np.roll(across, -apart))
-    noise = float(1.4826 * np.median(np.abs(fourth)) / 2.09)
-    return noise if TOLERANCE < noise < 0.01 * float(np.ptp(ring, axis=0).max()) else 0.0
+    return _of_few_corners(path, Polygon(points))
 
 
 def _read_json(path: Path, scale: float | None) -> Shape:
@@ -149,7 +103,7 @@ def _read_json(path: Path, scale: float | None) -> Shape:
     except PalpateError as error:
         raise ShapeError(str(error)) from error
     shape = shape if scale is None else scaled(shape, scale)
-    return _of_few_corners(shape) if isinstance(shape, Polygon) else shape
+    return _of_few_corners(path, shape) if isinstance(shape, Polygon) else shape
 
 
 def _read_svg(path: Path, scale: float | None) -> Polygon:
@@ -200,13 +154,10 @@ def _svg_points(path: Any) -> Array:
     """Return points (n, 2) along an unbroken line."""
     import svgelements
 
-    points = []
-    for segment in path:
-        if isinstance(segment, svgelements.Move) or segment.start is None or segment.end is None:
-            continue
-        straight = isinstance(segment, svgelements.Line | svgelements.Close)
-        points += [segment.point(place) for place in np.linspace(0.0, 1.0, 2 if straight else 65)]
-    return np.array([(float(point.x), float(point.y)) for point in points]).reshape(-1, 2)
+    straight = svgelements.Line | svgelements.Close
+    drawn = (each for each in path if not isinstance(each, svgelements.Move) and None not in (each.start, each.end))
+    points = [each.npoint(np.linspace(0.0, 1.0, 2 if isinstance(each, straight) else 65)) for each in drawn]
+    return np.array(points and np.vstack(points), np.float64).reshape(-1, 2)
 
 
 def _read_dxf(path: Path, scale: float | None) -> Polygon:
@@ -308,9 +259,12 @@ def _loose_ends(ends: Array) -> str:
     return f"lines end at ({x:.2f}, {y:.2f}) and ({u:.2f}, {v:.2f}) mm, {1e3 * gaps[first]:.3g} mm apart"
 
 
-def _of_few_corners(outline: Polygon) -> Polygon:
+def _of_few_corners(path: Path, outline: Polygon) -> Polygon:
     """Return the outline, simplified if it has more corners than a round object of 10 cm needs."""
-    return outline if len(outline.vertices) <= 256 else _simplified(np.array(outline.vertices))
+    found = outline if len(outline.vertices) <= 256 else _simplified(np.array(outline.vertices))
+    if len(found.vertices) > 256:
+        logger.warning("%s: the outline has %d corners; smooth it if it is a scan", path, len(found.vertices))
+    return found
 
 
 def _simplified(corners: Array) -> Polygon:

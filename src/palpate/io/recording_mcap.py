@@ -21,6 +21,7 @@ from palpate.files import existing_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io.mcap_file import CutShort, MessageWriter, front_matter, is_mcap, mcap_messages, nanoseconds, new_mcap
 from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, POSE, decoded
+from palpate.io.rosbag_recording import BagChoices, read_bag
 from palpate.types.images import codec_of
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
@@ -31,7 +32,7 @@ logger = logging.getLogger(__name__)
 METADATA, ARRAYS, VERSION = "palpate", "palpate/", "1"
 IMAGES, SENSOR_POSES, OBJECT_POSES = "/sensor/image/compressed", "/sensor/pose", "/object/pose"
 CONTACT = "/sensor/contact"
-FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact", "episode")
+FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact")
 
 
 def is_recording(path: Path) -> bool:
@@ -61,7 +62,6 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     about = {
         "source": recording.source,
         "contact_derived": json.dumps(recording.contact_derived),
-        "frames": json.dumps(recording.frames),
         **{name: json.dumps(value.tolist()) for name, value in poses.items() if value is not None},
     }
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
@@ -91,20 +91,21 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
 def read_recording(path: Path | str) -> Recording:
     """Read a recording of palpate; of one that is cut off, the whole frames, with a warning. Raises FileError."""
     path = existing_file(path)
-    if not is_mcap(path):
-        raise FileError(f"{path}: is not an MCAP file")
-    metadata, attachments = front_matter(path)
-    if METADATA not in metadata:
-        raise FileError(f"{path}: is not a recording of palpate: it has no metadata named {METADATA!r}")
-    about = metadata[METADATA]
     try:
+        metadata, attachments = front_matter(path) if is_mcap(path) else ({}, {})
+        if (about := metadata.get(METADATA)) is None:
+            raise FileError(f"is no recording of palpate, which is an MCAP with metadata named {METADATA!r}")
         if (version := about.get("version")) != VERSION:
             raise FileError(f"has version {version!r}, this palpate reads version {VERSION}: update palpate")
+        shape = shape_from_dict(json_object(about.get("shape", ""), "metadata shape"))
+        sensor = sensor_from_dict(json_object(about.get("sensor", ""), "metadata sensor"))
         files = {name.removeprefix(ARRAYS): data for name, data in attachments.items() if name.startswith(ARRAYS)}
-        shape, sensor = shape_from_dict(_json(about, "shape")), sensor_from_dict(_json(about, "sensor"))
         if files:
             return _from_arrays(path, about, files, shape, sensor)
-        return _from_messages(path, shape, sensor)
+        # Of a live session: each image with the sensor's pose at its time. That is the time of recording, which equals
+        # the headers': a replay may begin at 0 s, which in a header means no stamp.
+        choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
+        return read_bag(path, shape, choices, sensor).recording
     except PalpateError as error:
         raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
 
@@ -117,10 +118,6 @@ def source_of(path: Path) -> str:
     except CutShort as error:
         raise FileError(str(error)) from error
     return front_matter(path)[0].get(METADATA, {}).get("source", "")
-
-
-def _json(about: Mapping[str, str], name: str) -> Any:
-    return json_object(about.get(name, ""), f"metadata {name}")
 
 
 def _array(name: str, data: bytes) -> NDArray[Any]:
@@ -153,7 +150,6 @@ def _from_arrays(
         image=images[:count] or None,
         contact_derived=about.get("contact_derived") == "true",
         source=about.get("source", ""),
-        frames={str(key): str(value) for key, value in _json(about, "frames").items()},
         extra={name[6:]: value[:count] for name, value in arrays.items() if name.startswith("extra/")},
         file=path,
     )
@@ -174,12 +170,3 @@ def _frames(path: Path, expected: int) -> tuple[list[bytes], int]:
     if not count or count > expected:
         raise FileError(f"holds {count} sensor poses of a recording of {expected} frames")
     return images, count
-
-
-def _from_messages(path: Path, shape: Shape, sensor: SensorProfile) -> Recording:
-    """Return the recording of a live session: each image with the sensor's pose at its time."""
-    from palpate.io.rosbag_recording import BagChoices, read_bag
-
-    # By the time of recording, which equals the headers': a replay may begin at 0 s, which in a header means no stamp.
-    choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
-    return read_bag(path, shape, choices, sensor).recording

@@ -16,7 +16,7 @@ import numpy as np
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file, read_text
 from palpate.io.mcap_file import CutShort, begins_with, is_mcap, mcap_messages
-from palpate.io.ros_messages import IMAGE_TYPES, TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
+from palpate.io.ros_messages import TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
@@ -54,23 +54,19 @@ def existing_bag(path: Path | str) -> Path:
                 f"{part}: {log.name} beside it holds messages that are not in it yet, as its recorder runs or was "
                 f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA wal_checkpoint(TRUNCATE)'"
             )
-    if (metadata := path / "metadata.yaml").is_file():
-        if not parts:
-            raise FileError(f"{path}: holds metadata.yaml and no .db3 or .mcap; were they moved?")
-        listed = read_text(metadata)
-        for part in parts:
-            if existing_file(part).name not in listed:
-                raise FileError(
-                    f"{path}: {part.name} is not in its metadata.yaml, as when its recorder was killed; run "
-                    f"`ros2 bag reindex` on the folder, or give one of its files"
-                )
-        return path
-    if path.is_dir() and parts:
-        raise FileError(
-            f"{path}: is a folder without metadata.yaml, as a killed recorder leaves it; give {parts[0]}, or run "
-            "`ros2 bag reindex` on the folder"
-        )
-    return existing_file(path)
+    metadata = path / "metadata.yaml"
+    if not path.is_dir() or not (parts or metadata.is_file()):
+        return existing_file(path)
+    if not parts:
+        raise FileError(f"{path}: holds metadata.yaml and no .db3 or .mcap; were they moved?")
+    listed = read_text(metadata) if metadata.is_file() else ""
+    for part in parts:
+        if existing_file(part).name not in listed:
+            raise FileError(
+                f"{path}: {part.name} is not in its metadata.yaml, as when its recorder was killed; run "
+                f"`ros2 bag reindex` on the folder, or give {part}"
+            )
+    return path
 
 
 def bag_messages(path: Path) -> Iterator[RawMessage]:
@@ -120,40 +116,33 @@ class Topic:
     """Number of messages that do not decode."""
     error: FileError | None = None
     """The first of their errors."""
-    samples: list[Any] = field(default_factory=list)
-    """Messages 1, 2, 4, 8 and so on of an image topic."""
 
     @property
     def is_static(self) -> bool:
         """True for transforms that hold at all times."""
         return self.channel.type in TRANSFORM_TYPES and self.channel.topic.endswith("tf_static")
 
-    def times(self, clock: str) -> "array[int]":
-        """Return the times of messages by a clock, "header" or "log" [ns]."""
-        return self.log_times if clock == "log" else self.stamps
-
     def are_equal(self, clock: str) -> bool:
         """Return true if too many messages have one time; transforms of several frames may be sent at once."""
-        times = self.times(clock)
+        times = self.log_times if clock == "log" else self.stamps
         return len(times) > 1 and len(set(times)) <= (1 if self.channel.type in TRANSFORM_TYPES else len(times) // 2)
 
-    def clock_offset(self) -> tuple[float, float] | None:
-        """Return the median [s] of header stamps less times of recording, and their spread; None without headers."""
-        offsets = np.array(self.offsets) * 1e-9
-        return (float(np.median(offsets)), float(np.ptp(offsets))) if len(offsets) else None
+    @property
+    def clock_offset(self) -> float | None:
+        """The median of header stamps less times of recording [s]; None without headers."""
+        return float(np.median(self.offsets)) * 1e-9 if self.offsets else None
 
     def about(self) -> dict[str, Any]:
         """Return the numbers that `palpate info` shows."""
         steps = np.diff(np.sort(np.array(self.log_times))) * 1e-9
         median = float(np.median(steps)) if len(steps) else 0.0
-        offset, spread = self.clock_offset() or (None, None)
         return {
             **self.channel._asdict(),
             "messages": len(self.log_times),
             "rate_hz": 1.0 / median if median else None,
             "longest_gap_s": float(steps.max()) if len(steps) else None,
-            "clock_offset_s": offset,
-            "clock_spread_s": spread,
+            "clock_offset_s": self.clock_offset,
+            "clock_spread_s": (max(self.offsets) - min(self.offsets)) * 1e-9 if self.offsets else None,
             "unstamped": self.stamps.count(0),
             "damaged": self.damaged,
         }
@@ -168,8 +157,6 @@ class Contents:
     """Sorted by name."""
     parents: dict[str, list[str]]
     """Parent of each frame that a transform places; several where transforms contradict each other."""
-    cut: bool
-    """True where the bag ends too early, as when its recorder was killed."""
 
 
 def contents(path: Path) -> Contents:
@@ -179,7 +166,21 @@ def contents(path: Path) -> Contents:
     cut = None
     try:
         for raw in bag_messages(path):
-            _count(raw, topics.setdefault(raw.channel, Topic(raw.channel)), parents)
+            topic = topics.setdefault(raw.channel, Topic(raw.channel))
+            topic.log_times.append(raw.log_time)
+            if not raw.channel.is_read:
+                continue
+            try:
+                message = decoded(raw)
+            except FileError as error:
+                topic.damaged, topic.error = topic.damaged + 1, topic.error or error
+                continue
+            if (stamp := stamp_of(message)) is not None:
+                topic.stamps.append(stamp)
+                topic.offsets.append(stamp - raw.log_time)
+            for pose in poses_of(message) if raw.channel.type in TRANSFORM_TYPES else ():
+                if pose.frame not in (found := parents.setdefault(pose.child, [])):
+                    found.append(pose.frame)
     except CutShort as error:
         cut = error
     if not topics:
@@ -187,27 +188,4 @@ def contents(path: Path) -> Contents:
     if cut:
         count = sum(len(topic.log_times) for topic in topics.values())
         logger.warning("%s; the %d messages before that are read", cut, count)
-    return Contents(path, tuple(topics[channel] for channel in sorted(topics)), parents, cut is not None)
-
-
-def _count(raw: RawMessage, topic: Topic, parents: dict[str, list[str]]) -> None:
-    """Count a message in its topic, and add its transforms to the parents of frames."""
-    topic.log_times.append(raw.log_time)
-    if not raw.channel.is_read:
-        return
-    try:
-        message = decoded(raw)
-    except FileError as error:
-        topic.damaged, topic.error = topic.damaged + 1, topic.error or error
-        return
-    stamp = stamp_of(message)
-    if stamp is not None:
-        topic.stamps.append(stamp)
-        topic.offsets.append(stamp - raw.log_time)
-    number = len(topic.log_times)
-    if raw.channel.type in IMAGE_TYPES and number & (number - 1) == 0:
-        topic.samples.append(message)
-    for pose in poses_of(message) if raw.channel.type in TRANSFORM_TYPES else ():
-        found = parents.setdefault(pose.child, [])
-        if pose.frame not in found:
-            found.append(pose.frame)
+    return Contents(path, tuple(topics[channel] for channel in sorted(topics)), parents)

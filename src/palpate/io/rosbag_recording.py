@@ -5,8 +5,10 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
+from operator import matmul
 from pathlib import Path
-from typing import Literal, NamedTuple
+from types import SimpleNamespace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +30,7 @@ from palpate.io.ros_messages import (
 )
 from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
 from palpate.types.from_arrays import nanoseconds
-from palpate.types.images import CameraView, camera_view, decode_image, turned_image
+from palpate.types.images import camera_view, decode_image, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import (
@@ -85,39 +87,62 @@ class BagChoices:
         object.__setattr__(self, "plane", checked_choices(self.plane, self.off_plane, self.time_offset))
 
 
-class PoseSource(NamedTuple):
-    """Source of poses: a topic, or a chain of transforms."""
-
-    name: str
-    """As an option takes it: TOPIC or PARENT:CHILD."""
-    parent: str | None
-    """Frame that a chain begins at; a topic's poses name theirs."""
-    up: list[str]
-    """Frames on the way up from the parent, without the one at which both ways meet."""
-    down: list[str]
-    """The topic, or the frames on the way up from the child."""
-
-
-@dataclass(frozen=True)
-class Mapping:
-    """The parts of a bag that a recording is made of."""
-
-    images: str
-    """Topic of the touch images, or of contact flags; "" where poses alone are read."""
-    sensor: PoseSource
-    """Source of the sensor's poses."""
-    object: PoseSource | None
-    """Source of the object's poses, which are ground truth."""
-    topics: list[Topic]
-    """All that is read."""
-
-
 class BagReading(NamedTuple):
     """A bag that was read as a recording."""
 
     recording: Recording
     plane: Plane
     """The plane of its poses."""
+
+
+class _Source(NamedTuple):
+    """Source of poses: a topic, or a chain of transforms."""
+
+    name: str
+    """As an option takes it: TOPIC or PARENT:CHILD."""
+    parent: str | None
+    """Frame that a chain begins at; a topic's poses name theirs."""
+    steps: list[tuple[str, bool]]
+    """The topic, or frames of transforms on the way from parent to child; true where one is taken backwards."""
+
+
+class _Mapping(NamedTuple):
+    """The parts of a bag that a recording is made of."""
+
+    images: str
+    """Topic of the touch images, or of contact flags; "" where poses alone are read."""
+    sensor: _Source
+    """Source of the sensor's poses."""
+    object: _Source | None
+    """Source of the object's poses, which are ground truth."""
+    topics: list[Topic]
+    """All that is read."""
+
+
+class _Streams(NamedTuple):
+    """Images or contact flags and poses of a bag with their times."""
+
+    images: dict[int, bytes]
+    """Encoded images by their times [ns]; those that are damaged may be empty."""
+    flags: dict[int, bool]
+    """Contact flags likewise."""
+    poses: dict[str, Poses]
+    """Poses by topic, and those of transforms by the frame that they place."""
+    static: set[str]
+    """Frames whose transforms hold at all times."""
+
+    def placed(self, source: _Source, time: NDArray[np.int64]) -> Placed:
+        """Return a source's poses at times (M,) [ns]."""
+        steps: list[Placed] = []
+        for name, is_backwards in source.steps:
+            poses = self.poses[name]
+            step = always(poses, len(time)) if name in self.static else at_times(poses, time)
+            steps.append(step.inverse() if is_backwards else step)
+        return reduce(matmul, steps)
+
+    def frame(self, source: _Source) -> str:
+        """Return the frame that a source's poses are given in."""
+        return source.parent or self.poses[source.name].frame
 
 
 def read_bag(
@@ -131,15 +156,13 @@ def read_bag(
     truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks differ, or poses leave
     the plane.
     """
-    choices, found = choices or BagChoices(), contents(Path(path))
-    return read_contents(found, mapping(found, choices, sensor), choices, shape, sensor)
+    return read_contents(contents(Path(path)), shape, choices or BagChoices(), sensor)
 
 
-def read_contents(
-    found: Contents, chosen: Mapping, choices: BagChoices, shape: Shape, sensor: SensorProfile
-) -> BagReading:
+def read_contents(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
     """Read a bag whose contents are known; see `read_bag`."""
     try:
+        chosen = _mapping(found, choices, sensor)
         return _recording(found, chosen, choices, _read_streams(found, chosen, choices, sensor), shape, sensor)
     except FileError as error:
         message = " ".join(str(error).split())  # names of topics may hold line breaks
@@ -154,17 +177,17 @@ def read_poses(
     The source is a topic, or two frames of the transforms, PARENT:CHILD; None if there is only one. Raises FileError.
     """
     choices, found = BagChoices(sensor_poses=source, clock=clock), contents(Path(path))
-    chosen = mapping(found, choices, None)
     with in_file(found.path):
+        chosen = _mapping(found, choices, None)
         streams = _read_streams(found, chosen, choices, None)
-        moving = [poses for name, poses in streams.poses.items() if name not in streams.static]
-        time = max((poses.time for poses in moving), key=len, default=np.zeros(1, np.int64))
-        placed = _placed_at(streams, chosen.sensor, time)[1]
+        moving = [poses.time for name, poses in streams.poses.items() if name not in streams.static]
+        time = max(moving, key=len, default=np.zeros(1, np.int64))
+        placed = streams.placed(chosen.sensor, time)
     return time[placed.known], np.hstack([placed.position, placed.rotation])[placed.known]
 
 
-def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile | None) -> Mapping:
-    """Choose topics and frames, and check times and images of what is read; without a sensor, of poses alone.
+def _mapping(found: Contents, choices: BagChoices, sensor: SensorProfile | None) -> _Mapping:
+    """Choose topics and frames, and check times of what is read; without a sensor, of poses alone.
 
     Raises FileError, with the candidates where none of several is named.
     """
@@ -186,64 +209,41 @@ def mapping(found: Contents, choices: BagChoices, sensor: SensorProfile | None) 
     if any(source.parent is not None for source in sources):
         used |= dict.fromkeys(named(TRANSFORM_TYPES), TRANSFORM_TYPES)
     topics = [topic for topic in readable if topic.channel.type in used.get(topic.channel.topic, ())]
-    with in_file(found.path):
-        for topic in topics:
-            if topic.error and topic.damaged == len(topic.log_times):
-                raise topic.error
-        _check_times(topics, choices.clock)
-        if sensor:
-            _check_images(images, topics, sensor, camera_view(choices.orientation))
-    return Mapping(images, place, truth, topics)
+    for topic in topics:
+        if topic.error and topic.damaged == len(topic.log_times):
+            raise topic.error
+    _check_times(topics, choices.clock)
+    return _Mapping(images, place, truth, topics)
 
 
-def _check_times(topics: list[Topic], clock: Literal["header", "log"], tolerance: float = 1.0) -> None:
+def _check_times(topics: list[Topic], clock: Literal["header", "log"]) -> None:
     """Raise FileError unless the times of what is read are set, differ, and come from one clock.
 
-    Header stamps are held against the times of recording, where there are any; `tolerance` [s] covers the delay between
-    a message and its recording.
+    Header stamps are held against the times of recording, where there are any: within a second, as a message is
+    recorded some time after it was sent.
     """
-    moving = sorted(
-        (topic for topic in topics if not topic.is_static), key=lambda topic: topic.channel.type not in IMAGE_TYPES
-    )
-    advice = "" if any(topic.are_equal("log") for topic in moving) else "; --clock log takes the times of recording"
-    first: tuple[str, float] | None = None
+    moving = [topic for topic in topics if not topic.is_static]
+    is_header = clock == "header" and not any(topic.are_equal("log") for topic in moving)
+    advice = "; --clock log takes the times of recording" if is_header else ""
     for topic in moving:
         name, unstamped = topic.channel.topic, topic.stamps.count(0)
-        wrong = ""
+        times, kind = (topic.log_times, "times of recording") if clock == "log" else (topic.stamps, "header stamps")
         # The first message by a clock that starts at zero is no fault.
-        if clock == "header" and unstamped and (unstamped > 1 or unstamped == len(topic.stamps)):
-            wrong = f"{unstamped} headers in {name} have a stamp of zero"
-        elif topic.are_equal(clock):
-            times = topic.times(clock)
-            kind = "times of recording" if clock == "log" else "header stamps"
-            wrong = f"{len(times)} messages in {name} have only {len(set(times))} different {kind}"
-        elif clock == "header" and not topic.are_equal("log") and (found := topic.clock_offset()):
-            offset, spread = found
-            first = first or (name, offset)
-            if spread > tolerance:
-                wrong = f"the header stamps in {name} jump by {spread:.1f} s against the times of recording"
-            elif abs(offset - first[1]) > tolerance:
-                both = f"{first[1]:+.3f} s off the times of recording in {first[0]}, {offset:+.3f} s in {name}"
-                wrong = f"clocks differ: header stamps are {both}"
-        if wrong:
-            raise FileError(wrong + advice * (clock == "header"))
+        if clock == "header" and unstamped and (unstamped > 1 or unstamped == len(times)):
+            raise FileError(f"{unstamped} headers in {name} have a stamp of zero{advice}")
+        if topic.are_equal(clock):
+            raise FileError(f"{len(times)} messages in {name} have only {len(set(times))} different {kind}{advice}")
+    ends = [(end(topic.offsets), topic.channel.topic) for topic in moving if topic.offsets for end in (min, max)]
+    if is_header and ends:
+        (least, early), (most, late) = min(ends), max(ends)
+        if most - least > 10**9:
+            raise FileError(
+                f"clocks differ or jump: header stamps are {least * 1e-9:+.3f} s off the times of recording in "
+                f"{early}, {most * 1e-9:+.3f} s in {late}{advice}"
+            )
 
 
-def _check_images(name: str, topics: list[Topic], sensor: SensorProfile, view: CameraView) -> None:
-    """Raise FileError if none of a topic's sampled images is one of this sensor; some may be damaged."""
-    first: FileError | None = None
-    for message in (sample for topic in topics for sample in topic.samples):
-        try:
-            decode_image(image_of(message), (sensor.image_height, sensor.image_width), view)
-        except FileError as error:
-            first = first or error
-        else:
-            return
-    if first:
-        raise FileError(f"{name}: an image: {first}") from first
-
-
-def _source(found: Contents, topics: list[str], name: str | None, leave_out: PoseSource | None) -> PoseSource:
+def _source(found: Contents, topics: list[str], name: str | None, leave_out: _Source | None) -> _Source:
     """Return the named source of poses, or the only one but `leave_out`: a topic, or one chain of all transforms."""
     parent, colon, child = (name or "").partition(":")
     if colon:
@@ -254,24 +254,25 @@ def _source(found: Contents, topics: list[str], name: str | None, leave_out: Pos
     names = [each for each in [*topics, *chains] if leave_out is None or each != leave_out.name]
     option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
     chosen = _only(found, "source of poses", names, name, option)
-    return PoseSource(chosen, None, [], [chosen]) if chosen in topics else _chain(found, *chosen.split(":"))
+    return _Source(chosen, None, [(chosen, False)]) if chosen in topics else _chain(found, *chosen.split(":"))
 
 
-def _chain(found: Contents, parent: str, child: str) -> PoseSource:
+def _chain(found: Contents, parent: str, child: str) -> _Source:
     """Return the chain of transforms between two frames. Raises FileError where there is none."""
     ways = [parent], [child]
     for way in ways:
         while len(above := found.parents.get(way[-1], [])) == 1:
             if above[0] in way:
-                raise FileError(f"{found.path}: transforms run in a circle: {' < '.join([*way, *above])}")
+                raise FileError(f"transforms run in a circle: {' < '.join([*way, *above])}")
             way += above
     meeting = next((name for name in ways[1] if name in ways[0]), None)
     if meeting is None or parent == child:
         for way in ways:
             if above := found.parents.get(way[-1]):
-                raise FileError(f"{found.path}: frame {way[-1]} has {len(above)} parents, {' and '.join(above)}")
-        raise FileError(f"{found.path}: no chain of transforms leads from {parent!r} to {child!r}{_frames(found)}")
-    return PoseSource(f"{parent}:{child}", parent, *(way[: way.index(meeting)] for way in ways))
+                raise FileError(f"frame {way[-1]} has {len(above)} parents, {' and '.join(above)}")
+        raise FileError(f"no chain of transforms leads from {parent!r} to {child!r}{_frames(found)}")
+    up, down = (way[: way.index(meeting)] for way in ways)
+    return _Source(f"{parent}:{child}", parent, [(name, True) for name in up] + [(name, False) for name in down[::-1]])
 
 
 def _frames(found: Contents) -> str:
@@ -285,42 +286,32 @@ def _only(found: Contents, what: str, names: list[str], chosen: str | None, opti
         return chosen or names[0]
     there = (", ".join(names) or "none of a type that is read") + _frames(found)
     wrong = f"has no {what} {chosen!r}" if chosen else f"has {'more than one' if names else 'no'} {what}"
-    raise FileError(f"{found.path}: {wrong}; there are {there}; name one by {option}")
+    raise FileError(f"{wrong}; there are {there}; name one by {option}")
 
 
-class _Streams(NamedTuple):
-    """Images and poses of a bag with their times."""
-
-    images: list[bytes]
-    """Encoded images in the order of the bag; those that are damaged may be empty."""
-    flags: list[bool]
-    """Contact flags likewise."""
-    order: dict[int, int]
-    """Index of each image or flag by its time [ns]."""
-    poses: dict[str, Poses]
-    """Poses by topic, and those of transforms by the frame that they place."""
-    static: set[str]
-    """Frames whose transforms hold at all times."""
-
-
-def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor: SensorProfile | None) -> _Streams:
-    """Read what a mapping uses. Raises FileError, without the name of the bag, on a message that cannot be used."""
-    images, index, static = list[bytes](), dict[int, int](), set[str]()
-    needed = {name for source in (chosen.sensor, chosen.object) if source for name in (*source.up, *source.down)}
-    gathered: dict[str, list[tuple[int, Pose]]] = {}
+def _read_streams(found: Contents, chosen: _Mapping, choices: BagChoices, sensor: SensorProfile | None) -> _Streams:
+    """Read what a mapping uses. Raises FileError on messages that cannot be used, and if no image is of the sensor."""
+    images, flags, static, repeated = dict[int, bytes](), dict[int, bool](), set[str](), 0
+    gathered, damage = dict[str, list[tuple[int, Pose]]](), list[FileError]()
+    needed = {name for source in (chosen.sensor, chosen.object) if source for name, _ in source.steps}
     topics = {topic.channel: topic for topic in chosen.topics}
-    size = (sensor.image_height, sensor.image_width) if sensor else (0, 0)
-    flags, view = list[bool](), camera_view(choices.orientation)
-    offsets = [topic.clock_offset() for topic in chosen.topics if choices.clock == "header" and not topic.is_static]
+    size, view = (sensor.image_height, sensor.image_width) if sensor else (0, 0), camera_view(choices.orientation)
+    offsets = [topic.clock_offset for topic in chosen.topics if choices.clock == "header" and not topic.is_static]
     # Flags have no headers: they came as long after their time as the poses did.
-    offset = next((round(each[0] * 1e9) for each in offsets if each), 0)
+    offset = next((round(each * 1e9) for each in offsets if each is not None), 0)
+
+    def add_image(time: int, message: Any) -> None:
+        nonlocal repeated
+        repeated += time in images
+        images[time] = b""
+        try:
+            images[time] = turned_image(image_of(message), size, view)
+        except FileError as error:  # a damaged image is a frame that tracking skips
+            damage.append(error)
+
     if sensor and choices.image_times is not None:
         for time, path in _listed_images(choices.image_times, choices.images):
-            with in_file(path):
-                images.append(turned_image(existing_file(path).read_bytes(), size, view))
-                if not index:
-                    decode_image(images[0], size)
-            index[time] = len(images) - 1
+            add_image(time, SimpleNamespace(format=path.name, data=existing_file(path).read_bytes()))
     # `contents` has counted messages that do not decode, and warned of a bag that is cut off.
     with suppress(CutShort):
         for raw in bag_messages(found.path):
@@ -330,19 +321,13 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor:
             if topic is None or message is None:
                 continue
             if raw.channel.type in IMAGE_TYPES:
-                index[raw.log_time if choices.clock == "log" else stamp_of(message) or 0] = len(images)
-                data = b""
-                with suppress(FileError):  # a damaged image is a frame that tracking skips
-                    data = turned_image(image_of(message), size, view)
-                images.append(data)
+                add_image(raw.log_time if choices.clock == "log" else stamp_of(message) or 0, message)
                 continue
             if raw.channel.type == BOOL:
-                index[raw.log_time + offset] = len(flags)
-                flags.append(bool(message.data))
+                flags[raw.log_time + offset] = bool(message.data)
                 continue
             for pose in poses_of(message):
-                name = pose.child or raw.channel.topic
-                if name in needed:
+                if (name := pose.child or raw.channel.topic) in needed:
                     time = raw.log_time if choices.clock == "log" else pose.stamp
                     gathered.setdefault(name, []).append((time, pose))
                     static |= {name} if topic.is_static else set()
@@ -350,10 +335,19 @@ def _read_streams(found: Contents, chosen: Mapping, choices: BagChoices, sensor:
         if topic.damaged:
             words = "%s: %d messages of %s do not decode and are left out"
             logger.warning(words, found.path, topic.damaged, topic.channel.topic)
-    if repeated := max(len(images) - len(index), 0):
+    if repeated:
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
+    for data in list(images.values())[:: len(images) // 10 + 1]:
+        try:
+            decode_image(data, size)
+            break
+        except FileError as error:
+            damage.append(error)
+    else:
+        if damage:
+            raise FileError(f"{chosen.images or choices.image_times}: an image: {damage[0]}") from damage[0]
     poses = {name: _in_time(name, rows) for name, rows in gathered.items()}
-    return _Streams(images, flags, index, poses, static)
+    return _Streams(images, flags, poses, static)
 
 
 def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
@@ -364,51 +358,30 @@ def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
     return poses_in_time(name, frames[0], time, np.array([pose.numbers for _, pose in rows]))
 
 
-def _placed_at(streams: _Streams, source: PoseSource, time: NDArray[np.int64]) -> tuple[str, Placed]:
-    """Return the frame that a source's poses are given in, and the poses at times (M,) [ns]."""
-
-    def placed(name: str) -> Placed:
-        poses = streams.poses[name]
-        return always(poses, len(time)) if name in streams.static else at_times(poses, time)
-
-    up, down = (
-        reduce(lambda lower, name: placed(name) @ lower, names[1:], placed(names[0])) if names else None
-        for names in (source.up, source.down)
-    )
-    back = None if up is None else up.inverse()
-    together = down if back is None else back if down is None else back @ down
-    assert together is not None
-    return source.parent or streams.poses[source.name].frame, together
-
-
 def _recording(
-    found: Contents, chosen: Mapping, choices: BagChoices, streams: _Streams, shape: Shape, sensor: SensorProfile
+    found: Contents, chosen: _Mapping, choices: BagChoices, streams: _Streams, shape: Shape, sensor: SensorProfile
 ) -> BagReading:
-    stamps, flags = np.array(sorted(streams.order), np.int64), None
+    flags, stamps = None, np.array(sorted(streams.flags or streams.images), np.int64)
     if streams.flags:
-        given = np.array([streams.flags[streams.order[stamp]] for stamp in stamps.tolist()])
+        given = np.array([streams.flags[stamp] for stamp in stamps.tolist()])
         end = max(poses.time[-1] for name, poses in streams.poses.items() if name not in streams.static)
         times = np.arange(stamps[0], max(end, stamps[0]) + 1, round(1e9 / sensor.rate))
         flags, stamps = given[np.searchsorted(stamps, times, "right") - 1], times
-    time = stamps + round(choices.time_offset * 1e9)
-    frame, carrier = _placed_at(streams, chosen.sensor, time)
-    placed = on_the_gel(carrier, choices.sensor_T_gel)
-    name, truth = chosen.sensor.name, None
-    frames = {}
+    elif choices.plane == "fit":
+        flags = _touched([streams.images[stamp] for stamp in stamps.tolist()], sensor)
+    time, frame, truth = stamps + round(choices.time_offset * 1e9), streams.frame(chosen.sensor), None
+    placed = on_the_gel(streams.placed(chosen.sensor, time), choices.sensor_T_gel)
     if chosen.object is not None:
-        other, seen = _placed_at(streams, chosen.object, time)
-        if other != frame:
+        if (other := streams.frame(chosen.object)) != frame:
             raise FileError(f"poses of the sensor are given in frame {frame!r}, those of the object in {other!r}")
-        truth = f"the object ({chosen.object.name})", seen
-        frames["object_pose"] = f"{chosen.object.name}, likewise"
-    of_sensor = f"the sensor ({name})", placed
-    if choices.plane == "fit" and flags is None:
-        flags = _touched([streams.images[streams.order[stamp]] for stamp in stamps.tolist()], sensor)
+        truth = f"the object ({chosen.object.name})", streams.placed(chosen.object, time)
+    of_sensor = f"the sensor ({chosen.sensor.name})", placed
     motion = in_plane(str(found.path), frame, time, of_sensor, truth, choices.plane, choices.off_plane, flags)
-    frames["sensor_pose"] = f"{name} in {frame!r}, interpolated; {motion.plane}"
-    kept = stamps[motion.keep].tolist()
-    images = None if streams.flags else [streams.images[streams.order[stamp]] for stamp in kept]
-    seen = f"{'contact' if images is None else 'images'} {chosen.images or choices.image_times}"
+    sources = [
+        chosen.images or choices.image_times,
+        chosen.sensor.name,
+        *([chosen.object.name] if chosen.object else []),
+    ]
     recording = Recording(
         time=time[motion.keep] / 1e9,
         sensor_pose=motion.sensor_pose,
@@ -416,9 +389,8 @@ def _recording(
         sensor=sensor,
         object_pose=motion.object_pose,
         contact=flags[motion.keep] if streams.flags and flags is not None else None,
-        image=images,
-        source=f"bag {found.path.name}, {seen}",
-        frames=frames,
+        image=None if streams.flags else [streams.images[stamp] for stamp in stamps[motion.keep].tolist()],
+        source=f"bag {found.path.name}: {', '.join(map(str, sources))}",
         file=found.path,
     )
     return BagReading(recording, motion.plane)

@@ -13,23 +13,17 @@ import numpy as np
 from palpate.errors import FileError
 from palpate.files import in_file, numbers_of, read_table, whole_file
 from palpate.types.estimate import Trajectory
-from palpate.types.recording import Recording
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status")
 UPPER = np.triu_indices(3)
 
 
-def write_tum(data: Recording | Trajectory, path: Path, overwrite: bool = False) -> None:
-    """Write poses of the object with 9 decimals: a trajectory, or the ground truth of a recording. Raises FileError."""
-    time, pose = (data.time, data.object_pose) if isinstance(data, Recording) else (data.time, data.pose)
-    if pose is None:
-        raise FileError(f"{path}: the recording has no object poses to write")
-    known = ~np.isnan(pose).any(axis=1)
-    time, pose = time[known], pose[known]
-    zero, half = np.zeros(len(time)), pose[:, 2] / 2
-    table = np.column_stack([time, pose[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
-    with whole_file(path, overwrite) as temporary:
+def write_tum(data: Trajectory, path: Path) -> None:
+    """Write poses with 9 decimals. Raises FileError if the file exists."""
+    zero, half = np.zeros(len(data)), data.pose[:, 2] / 2
+    table = np.column_stack([data.time, data.pose[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
+    with whole_file(path) as temporary:
         np.savetxt(temporary, table, fmt="%.9f")
 
 

@@ -30,7 +30,6 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
     plane = flat()
     with growing_mcap(path, force) as file:
         describe(file, shape, sensor)
-        file.flush()
 
         def record(item: TouchImage | TimedPose | Estimate) -> None:
             (stamp,) = nanoseconds(path, np.array([item.time]))

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.checks import (
     FARTHEST,
     FLAGS,
-    INTEGERS,
     NUMBERS,
     as_array,
     check_rows,
@@ -52,16 +51,12 @@ class Recording:
     """world_T_object, (N, 3) [m, m, rad]: ground truth; a row is NaN where it is not known"""
     contact: Flags | None = None
     """(N,) true while the sensor touches the object; None where only images show it"""
-    episode: NDArray[np.int64] | None = None
-    """(N,) number of the contact episode, -1 outside contact"""
     image: Sequence[bytes] | None = None
     """N encoded touch images; iterating over the recording decodes them one by one"""
     contact_derived: bool = False
     """the contact flags were computed from ground truth and geometry, not sensed"""
     source: str = ""
     """origin of the data, for people"""
-    frames: dict[str, str] = field(default_factory=dict)
-    """origin of each pose by field name, for people"""
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
     """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
     first_pose: Array | None = None
@@ -111,10 +106,6 @@ class Recording:
             settle("_derived", (self.first_pose, self.first_pose_sigma))
         if self.contact is not None:
             settle("contact", checked_array("contact", self.contact, FLAGS, (n,)).astype(np.bool_))
-        if self.episode is not None:
-            episode = checked_array("episode", self.episode, INTEGERS, (n,)).astype(np.int64)
-            check_rows("episode", episode, episode >= -1, "0, 1, 2 ..., or -1 outside contact")
-            settle("episode", episode)
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
@@ -198,8 +189,6 @@ class Recording:
         if given is not None:
             size = sensor.image_height, sensor.image_width
             given = encoded_images(given, np.flatnonzero(motion.keep).tolist(), codec, size, orientation)
-        shifted = f", images shifted by {time_offset:+g} s" if time_offset else ""
-        frames = {"sensor_pose": f"as given, interpolated; {motion.plane}{shifted}"}
         return cls(
             time=time[motion.keep] / 1e9,
             sensor_pose=motion.sensor_pose,
@@ -209,7 +198,6 @@ class Recording:
             contact=None if flags is None else flags[motion.keep],
             image=given,
             source=source,
-            frames=frames if truth is None else {**frames, "object_pose": "as given, likewise"},
         )
 
     def oriented(self, orientation: str) -> "Recording":

@@ -21,7 +21,7 @@ Tactile = Any
 def seen() -> Recording:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
     recording = simulate_recording(SHAPES["disc"], "disc", 3, 4.0)
-    return replace(recording, contact=np.zeros(len(recording), np.bool_), episode=None)
+    return replace(recording, contact=np.zeros(len(recording), np.bool_))
 
 
 @pytest.mark.parametrize("tactile", ["learnt", "none"])

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
 from palpate.lab.train.samples import gel_at_rest, geometry_of
@@ -40,16 +40,31 @@ class Images:
     """Number of the frame in its recording, (N,)."""
 
 
+def episode_numbers(contact: ArrayLike) -> Indices:
+    """Number the contact episodes 0, 1, ... of flags (N,); -1 outside contact.
+
+    As in the published system, an episode ends after more than 10 frames without contact and counts from 5 on.
+    """
+    flags = np.asarray(contact, np.bool_)
+    touching = np.flatnonzero(flags)
+    run = np.cumsum(np.diff(touching, prepend=-(10**9)) > 11) - 1
+    counts = np.bincount(run) >= 5 if len(run) else np.zeros(0, np.bool_)
+    episode = np.full(flags.shape, -1, np.int64)
+    episode[touching] = np.where(counts, np.cumsum(counts) - 1, -1)[run]
+    return episode
+
+
 def read_images(recording: Recording) -> Images:
     """Return the images of all contact episodes of a recording."""
-    assert recording.object_pose is not None and recording.contact is not None and recording.episode is not None
+    assert recording.object_pose is not None and recording.contact is not None
 
     def image(index: int) -> Image:
         found = recording[index].image
         assert found is not None
         return found
 
-    frame = np.flatnonzero(recording.episode >= 0)
+    episode = episode_numbers(recording.contact)
+    frame = np.flatnonzero(episode >= 0)
     background, _ = gel_at_rest(recording, image)
     mean = reduced(background.mean)
     relative = se2.between(recording.object_pose, recording.sensor_pose)[frame]
@@ -60,7 +75,7 @@ def read_images(recording: Recording) -> Images:
         np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
         relative,
         np.array([_CLASS_OF[KINDS[each]] for each in kind], int),
-        recording.episode[frame],
+        episode[frame],
         frame,
     )
 

@@ -22,7 +22,7 @@ from palpate.io.outlines import load_shape
 from palpate.lab.paper import figures
 from palpate.lab.paper.features import KeypointNetwork, keypoints_of, learn_keypoints
 from palpate.lab.paper.graph import Deviations, Model, compared_frames, physical_errors, tactile_error, track_episodes
-from palpate.lab.paper.images import Images, draw_pairs, joined, read_images, turn_between
+from palpate.lab.paper.images import Images, draw_pairs, episode_numbers, joined, read_images, turn_between
 from palpate.lab.paper.transform_network import Pairs, expanded, fit_all, fit_linear, validation_loss
 from palpate.lab.parallel import spread
 from palpate.lab.simulate.recordings import plan, simulate_folder
@@ -149,9 +149,10 @@ def _learn(out: Path, settings: StudySettings, bar: Bar, workers: int, dask: str
 def _read(path: Path) -> tuple[str, Images, Array]:
     """Return the name of a recording, its images, and the errors of the physical factors in it."""
     recording = load_recording(path)
-    assert recording.object_pose is not None and recording.episode is not None
+    assert recording.object_pose is not None and recording.contact is not None
     model = Model(contact_model(recording.shape, recording.sensor))
-    errors = physical_errors(model, recording.object_pose, recording.sensor_pose, recording.episode)
+    episode = episode_numbers(recording.contact)
+    errors = physical_errors(model, recording.object_pose, recording.sensor_pose, episode)
     return path.stem, read_images(recording), errors
 
 
@@ -203,8 +204,9 @@ def _track(path: Path, out: Path) -> None:
     deviations = read_json(out / "models.json")["deviations"]
     recording = load_recording(path)
     model = Model(contact_model(recording.shape, recording.sensor))
-    images, truth, episode = read_images(recording), recording.object_pose, recording.episode
-    assert truth is not None and episode is not None
+    images, truth = read_images(recording), recording.object_pose
+    assert truth is not None and recording.contact is not None
+    episode = episode_numbers(recording.contact)
     earlier, later, found = _turns(network, saved["weights"].numpy(), images)
     turns: dict[str, dict[int, list[tuple[int, float]]]] = {mode: {} for mode in MODES[:4]}
     for mode, turn in found.items():

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import held_folder
@@ -104,7 +103,6 @@ class Simulation:
                 images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
                 if progress:
                     progress(len(images))
-        captured = "simulated motion capture with drawn noise; exact in extra/{}_clean"
         exact = Recording(
             time=time,
             sensor_pose=measured(motion.sensor_pose, noise),
@@ -112,16 +110,9 @@ class Simulation:
             sensor=self.sensor,
             object_pose=measured(motion.object_pose, noise),
             contact=motion.contact,
-            episode=episode_numbers(motion.contact),
             image=images,
             source=self.source,
-            frames={
-                **{name: captured.format(name) for name in ("sensor_pose", "object_pose")},
-                "contact": "contacts of the simulation",
-                "extra": "normal_force [N], tangential_force [N] and slip [m/s] towards the sensor's +y, indentation "
-                "[m], pad_angle [rad] from the gel's apex; shown_angle [rad], the same as images show it"
-                + ("; knocked, 1 in frames in which a finger pushes the object and 0 in others" * self.knocks),
-            },
+            # Forces [N], slip [m/s] towards the sensor's +y, indentation [m], angles from the gel's apex [rad].
             extra={
                 "normal_force": motion.normal_force,
                 "tangential_force": motion.tangential_force,
@@ -149,20 +140,6 @@ def simulate_recording(
 ) -> Recording:
     """Simulate a sequence of pushes; arguments and options are the fields of `Simulation`."""
     return Simulation(shape, kind, seed, seconds, images, **options).run()
-
-
-def episode_numbers(contact: ArrayLike) -> NDArray[np.int64]:
-    """Number the contact episodes 0, 1, ... of flags (N,); -1 outside contact.
-
-    As in the published system, an episode ends after more than 10 frames without contact and counts from 5 on.
-    """
-    flags = np.asarray(contact, np.bool_)
-    touching = np.flatnonzero(flags)
-    run = np.cumsum(np.diff(touching, prepend=-(10**9)) > 11) - 1
-    counts = np.bincount(run) >= 5 if len(run) else np.zeros(0, np.bool_)
-    episode = np.full(flags.shape, -1, np.int64)
-    episode[touching] = np.where(counts, np.cumsum(counts) - 1, -1)[run]
-    return episode
 
 
 @dataclass(frozen=True)

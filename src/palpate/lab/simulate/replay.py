@@ -25,7 +25,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import minimum_jerk
-from palpate.lab.simulate.recordings import Outcome, check_not_negative, episode_numbers, fill_folder
+from palpate.lab.simulate.recordings import Outcome, check_not_negative, fill_folder
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.pipeline.truth import flag_runs
 from palpate.types.images import encode_image
@@ -111,17 +111,9 @@ def replay_recording(recording: Recording, seed: int = 0, unit: int | None = Non
         sensor=DIGIT,
         object_pose=np.where(motion.known[:, None], motion.object_pose, np.nan),
         contact=motion.contact,
-        episode=episode_numbers(motion.contact),
         image=images,
         contact_derived=recording.contact_derived,
         source=_source(recording, seed, unit_seed),
-        frames=dict(recording.frames)
-        | {
-            "sensor_pose": "made: a DIGIT with the contact and gap of the real sensor, sliding no more than that did",
-            "image": "rendered; the indentation is drawn, friction follows the sliding",
-            "extra": "slip [m/s]: real, towards the sensor's +y; pad_angle [rad]: of the rendered contact, shown_angle "
-            "[rad]: as images show it; indentation [m] and tangential_force [N]: drawn",
-        },
         extra={
             "slip": slip,
             "pad_angle": np.where(motion.contact, pad_angle, np.nan),

@@ -163,10 +163,4 @@ def with_errors(recording: Recording, errors: SetUpErrors) -> Recording:
         image=images,
         first_pose=se2.compose(recording.object_pose[0], errors.first_pose),
         first_pose_sigma=errors.first_pose_sigma,
-        frames=recording.frames
-        | {
-            "shape": f"stated {abs(errors.outline - 1.0):.1%} too {'large' if errors.outline > 1.0 else 'small'}",
-            "image": f"{errors.late} {'frame' if errors.late == 1 else 'frames'} late",
-            "first_pose": "stated with an error; first_pose_sigma is its standard deviation",
-        },
     )

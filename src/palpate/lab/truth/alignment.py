@@ -91,9 +91,7 @@ def with_truth(recording: Recording, tag: TagTrack, alignment: Alignment) -> Rec
     sigma = np.column_stack([place, np.full(len(away), np.hypot(tag.sigma[2], table[2]))])
     pose = se2.compose(alignment.world_T_table, tag.pose)
     pose, sigma = _at_times(recording.time, tag.time + alignment.delay, pose, sigma)
-    how = f"by an overhead camera and a tag {tag.height * 1e3:.0f} mm over the table, {alignment.delay:.3f} s apart"
-    frames = recording.frames | {"object_pose": how}
-    return replace(recording, object_pose=pose, extra={**recording.extra, "object_pose_sigma": sigma}, frames=frames)
+    return replace(recording, object_pose=pose, extra={**recording.extra, "object_pose_sigma": sigma})
 
 
 def _at_times(when: Array, time: Array, pose: Array, sigma: Array) -> tuple[Array, Array]:
