@@ -1,4 +1,3 @@
-from .config import PUBLISHED as PUBLISHED
 from .config import NoiseSettings as NoiseSettings
 from .config import TrackerSettings as TrackerSettings
 from .errors import EstimationError as EstimationError

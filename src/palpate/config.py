@@ -156,7 +156,7 @@ class Priors:
     outline_scale: Normal = (0.0, 0.007)
     """Relative size error of the outline."""
     friction_ratio: Normal = (0.2, 0.66)
-    """Logarithm of c^2 over its value for the chosen pressure; from uniform to rim pressure it grows by 0.8."""
+    """Logarithm of c^2 over its value for an even pressure on the table; with the pressure at the rim it is 0.8."""
     friction_center: Normal = (0.0, 0.06)
     """Centre of friction from the centroid along x and along y, as a share of c."""
     grip: Normal = (0.4, 0.1)
@@ -216,24 +216,6 @@ class NoiseSettings:
             object.__setattr__(self, group.name, replace(settings, **checked))
 
 
-_KNOWN = (0.0, 1e-9)
-PUBLISHED = NoiseSettings(
-    sensor_pose=SensorPoseSettings(deviation=(1e-5, 1e-5, 1e-5), calibration=(0.0, 0.0, 0.0)),
-    first_pose=FirstPoseSettings(deviation=(1e-5, 1e-5, 1e-5), truth=(1e-5, 1e-5, 1e-5), rest=(1e-9, 1e-9, 1e-9)),
-    contact=ContactSettings(deviation=1e-2, kernel=None),
-    direction=TouchSettings(share=1.0, kernel=None),
-    place=TouchSettings(share=1.0, kernel=None),
-    turn=TouchSettings(share=1.0, kernel=None),
-    sticking=StickingSettings(still=1e-3, share=0.0, sliding_share=0.0, kernel=None),
-    balance=BalanceSettings(still=1e-3, share=0.0, load=0.0, kernel=None),
-    friction_cone=FrictionConeSettings(still=1e-3, share=None, kernel=None),
-    priors=Priors(_KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN, _KNOWN),
-)
-"""Settings of the paper's experiments, from the authors' published code; pushing hardly counts."""
-
-PRESETS = {"palpate": NoiseSettings(), "published": PUBLISHED}
-
-
 @dataclass(frozen=True)
 class TrackerSettings:
     """Settings of a `Tracker`; raises SettingError on a value that is not allowed."""
@@ -244,9 +226,6 @@ class TrackerSettings:
     """Solver for the graph of a contact."""
     noise: NoiseSettings = NoiseSettings()
     """Noise of all factors."""
-    pressure: str | float = "uniform"
-    """Distribution of the object's weight over the table: uniform; or the friction radius c that follows from another
-    one, the largest torque of friction over its largest force [m]."""
     hypotheses: int = 9
     """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
 
@@ -256,31 +235,25 @@ class TrackerSettings:
                 raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
         if not isinstance(self.noise, NoiseSettings):
             raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
-        radius = None if isinstance(self.pressure, str) else finite_numbers(self.pressure, ())
-        if self.pressure != "uniform" and (radius is None or radius <= 0.0):
-            raise SettingError(f"pressure is {self.pressure!r}; allowed are uniform or a friction radius above 0 [m]")
         if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is a whole number from 1 on")
         # NumPy's numbers cannot be written as JSON.
         object.__setattr__(self, "hypotheses", int(self.hypotheses))
-        if radius is not None:
-            object.__setattr__(self, "pressure", float(radius))
 
 
 FORMAT, VERSION = "palpate-noise", 3
 
 
 def noise_of(name_or_path: Path | str) -> NoiseSettings:
-    """Return a preset, or the settings in a file, missing ones with their defaults.
+    """Return the settings in a file, missing ones with their defaults; "palpate" is the defaults.
 
-    Raises SettingError if there is neither, FileError on a bad file.
+    Raises SettingError if there is no such file, FileError on a bad one.
     """
     path, noise, groups = Path(name_or_path), NoiseSettings(), {}
-    if str(name_or_path) in PRESETS:
-        return PRESETS[str(name_or_path)]
+    if str(name_or_path) == "palpate":
+        return noise
     if not path.exists():
-        presets = ", ".join(map(repr, PRESETS))
-        raise SettingError(f"noise is {str(path)!r}; allowed are {presets} or a file of palpate tune")
+        raise SettingError(f"noise is {str(path)!r}; allowed are 'palpate' or a file of palpate tune")
     content = read_json(path)
     if (found := (content.get("format"), content.get("version"))) != (FORMAT, VERSION):
         expected = f"expected {(FORMAT, VERSION)}; make the file anew with palpate tune"

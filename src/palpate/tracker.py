@@ -79,7 +79,7 @@ class Tracker:
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
         self._bank = HypothesisBank(
-            contact_model(shape, sensor, settings.pressure),
+            contact_model(shape, sensor),
             with_correction(settings.noise, calibration.direction if calibration else UNCORRECTED),
             settings.smoother,
             *self._first,
@@ -253,12 +253,6 @@ def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, tou
         # A class has the methods of its objects.
         if found is not None and (isinstance(found, type) or not isinstance(found, kind)):
             raise SettingError(f"{name} is {str(found) if isinstance(found, Path) else found!r}; it must be {maker}")
-    pressure = settings.pressure if settings is not None else ""
-    if not isinstance(pressure, str) and pressure > shape.extent:
-        raise SettingError(
-            f"pressure is {pressure:g} m, and the object is {shape.extent:.3g} m wide; a friction radius is less: "
-            "is it in millimetres?"
-        )
 
 
 def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:

@@ -60,7 +60,7 @@ def test_a_study_writes_tables(evaluate):
     assert row["sequences"] == 2 and row["lost"] == 0 and list(row["step_ms"]) == ["p50", "p95", "p99"]
     (shown,) = [line for line in out.splitlines() if line.strip().startswith("oracle")]
     assert "median {median:.3g}, worst {worst:.3g}".format(**row["final_mm"]) in shown
-    assert found["settings"]["methods"] == ["none", "oracle"] and found["settings"]["noise_preset"] == "palpate"
+    assert found["settings"]["methods"] == ["none", "oracle"]
     facts = found["recordings"]["edges-1.mcap"]
     assert facts["frames"] == 40 and facts["truth"] and not facts["images"] and facts["group"] == "edges"
     oracle = [each for each in rows() if each["tactile"] == "oracle"]
@@ -132,12 +132,14 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate, fa
     assert "out: is not empty; --resume" in evaluate("recordings", "--out", "out", *FAST)[2]
     write("recordings/disc-2.mcap", pushed(30))
     next(iter(files)).write_bytes(b"cut")
+    Path("noise.json").write_text(
+        '{"format": "palpate-noise", "version": 3, "noise": {"contact": {"deviation": 2e-3}}}'
+    )
     out = evaluate("recordings", "--out", "out", *FAST, "--resume")[1]
     assert "trials 6 kept 3" in " ".join(out.split())
     assert sum(path.stat().st_mtime_ns == stamp for path, stamp in files.items()) == 3
     for option, value, sentence in (
-        ("--noise", "published", "out: was made with other settings (noise."),
-        ("--pressure", "0.03", 'pressure was "uniform", is 0.03'),
+        ("--noise", "noise.json", "out: was made with other settings (noise."),
         ("--hypotheses", "1", "hypotheses was 9, is 1"),
     ):
         assert sentence in fails("evaluate", "recordings", "--out", "out", *FAST, "--resume", option, value)

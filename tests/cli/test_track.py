@@ -38,8 +38,7 @@ def test_a_run_leaves_a_folder_and_shows_a_table(succeeds):
     assert f"in the 95 % region, in contact {100 * summary['in_95_contact_share']:.3g} %" in lines
     assert f"final translation error {summary['final_translation_error_mm']:.3g} mm" in lines
     assert "silently wrong" in out and str(Path("runs/push/figure.png")) in out
-    assert (settings["tactile"], settings["smoother"], settings["pressure"]) == ("oracle", "fixed-lag", "uniform")
-    assert settings["noise_preset"] == "palpate"
+    assert (settings["tactile"], settings["smoother"]) == ("oracle", "fixed-lag")
     assert settings["noise"]["contact"]["deviation"] == palpate.NoiseSettings().contact.deviation
     assert settings["first_pose"] == pushed().object_pose[0].tolist()
 
@@ -65,9 +64,12 @@ def test_json_is_the_summary_and_nothing_else(json_of):
 
 def test_options_reach_the_tracker(succeeds):
     pose = ("--first-pose", "0.001", "0", "-.5", "--first-pose-sigma", "0.02", "0.03", "0.2")
-    out = succeeds("track", "blind.mcap", "--noise", "published", "--pressure", "0.03", *pose, "--hypotheses", "1")
+    Path("noise.json").write_text(
+        '{"format": "palpate-noise", "version": 3, "noise": {"contact": {"deviation": 2e-3}}}'
+    )
+    out = succeeds("track", "blind.mcap", "--noise", "noise.json", *pose, "--hypotheses", "1")
     settings = read("runs/blind/settings.json")
-    assert (settings["noise_preset"], settings["pressure"], settings["hypotheses"]) == ("published", 0.03, 1)
+    assert (settings["noise"]["contact"]["deviation"], settings["hypotheses"]) == (2e-3, 1)
     assert settings["first_pose"] == [0.001, 0.0, -0.5]
     assert settings["first_pose_sigma"] == [0.02, 0.03, 0.2]
     assert "final translation error - mm" in map(words, out.splitlines())  # there is no truth to score by
@@ -167,8 +169,7 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
         (["blind.mcap"], "--first-pose X Y THETA"),
         (["blind.mcap", "--tactile", "oracle", "--first-pose", 0, 0, 0], "no ground truth, which tactile oracle"),
         (["push.mcap", "--tactile", "learnt"], "has no images, which tactile learnt needs"),
-        (["push.mcap", "--pressure", "nan"], "uniform or a friction radius"),
-        (["push.mcap", "--noise", "loud"], "'palpate', 'published' or a file"),
+        (["push.mcap", "--noise", "loud"], "'palpate' or a file"),
         (["push.mcap", "--hypotheses", 0], "hypotheses is 0"),
         (["push.mcap", "--first-pose-sigma", 0, 1, 1], "it must be three numbers above 0"),
         (["push.mcap", "--tactile", "none", "--model", "m"], "--model m is not used with --tactile none"),

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from palpate import PUBLISHED, FileError, NoiseSettings, SettingError
-from palpate.config import PRESETS, VERSION, noise_of, write_noise
+from palpate import FileError, NoiseSettings, SettingError
+from palpate.config import VERSION, noise_of, write_noise
 
 NOISE = NoiseSettings()
 CHANGED = replace(
@@ -26,7 +26,7 @@ def written(path: Path, **changes: Any) -> Path:
 
 
 def test_round_trip(tmp_path):
-    for noise in (NOISE, CHANGED, *PRESETS.values()):
+    for noise in (NOISE, CHANGED):
         write_noise(noise, tmp_path / "noise.json", {"evaluations": 3}, overwrite=True)
         assert noise_of(tmp_path / "noise.json") == noise
     assert json.loads((tmp_path / "noise.json").read_text())["tuned"] == {"evaluations": 3}
@@ -40,13 +40,12 @@ def test_missing_settings_have_their_defaults(tmp_path):
     )
 
 
-def test_a_preset_or_a_file(tmp_path, monkeypatch):
+def test_the_defaults_or_a_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert all(noise_of(name) == preset for name, preset in PRESETS.items())
     assert noise_of(str(written(tmp_path / "mine.json"))) == CHANGED
-    (tmp_path / "published").write_text("not the preset")
-    assert noise_of("published") == PUBLISHED
-    with pytest.raises(SettingError, match="allowed are 'palpate', 'published' or a file of"):
+    (tmp_path / "palpate").write_text("not the defaults")
+    assert noise_of("palpate") == NOISE
+    with pytest.raises(SettingError, match="allowed are 'palpate' or a file of"):
         noise_of("magic")
 
 

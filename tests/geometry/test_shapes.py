@@ -143,9 +143,8 @@ def test_friction_radius_by_hand():
     # Square of side s: the mean distance from its centre is s (sqrt 2 + asinh 1) / 6.
     root = math.sqrt(2.0) + math.asinh(1.0)
     square = Rectangle(0.1, 0.1)
-    assert square.friction_radius("uniform") == pytest.approx(0.1 * root / 6, rel=1e-12)
-    assert square.friction_radius(0.031) == 0.031
-    assert Ellipse(0.2, 0.2).friction_radius("uniform") == pytest.approx(0.2 / 3, rel=1e-12)
+    assert square.friction_radius() == pytest.approx(0.1 * root / 6, rel=1e-12)
+    assert Ellipse(0.2, 0.2).friction_radius() == pytest.approx(0.2 / 3, rel=1e-12)
 
 
 @every_shape
@@ -161,13 +160,7 @@ def test_uniform_friction_radius_against_numerical_integration(shape):
     far = np.linalg.norm(a[:, None] + across[:, None] * (b - a)[:, None], axis=-1) @ across_weights
     expected = (signed * 2.0 / 3.0 * far).sum() / signed.sum()
     tolerance = 1e-7 if shape in CORNERED else 1e-5  # a curve is cut off by its chords
-    assert shape.friction_radius("uniform") == pytest.approx(expected, rel=tolerance)
-
-
-@pytest.mark.parametrize("pressure", ["rim", "", 0.0, -0.1, math.nan, math.inf, True, None])
-def test_pressures_that_do_not_fit_are_refused(pressure):
-    with pytest.raises(ShapeError):
-        Rectangle(0.1, 0.2).friction_radius(pressure)
+    assert shape.friction_radius() == pytest.approx(expected, rel=tolerance)
 
 
 def test_polygon_comes_out_counter_clockwise_and_open():

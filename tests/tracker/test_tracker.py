@@ -22,7 +22,7 @@ from tracker_samples import (
     yaw_deviations,
 )
 
-from palpate import DIGIT, PUBLISHED, EstimationError, Frame, Measurement, NoiseSettings, Tracker, Turn
+from palpate import DIGIT, EstimationError, Frame, Measurement, NoiseSettings, Tracker, Turn
 
 
 @pytest.mark.parametrize("radius", [0.0, RADIUS])
@@ -46,20 +46,6 @@ def test_noise_free_pushes_are_tracked(name, smoother, radius):
     assert smoothed.contact is not None
     assert smoothed.contact.tolist() == contact.tolist()
     assert translation_errors(smoothed.pose, o).max() < 0.2e-3
-
-
-@pytest.mark.parametrize("smoother", SMOOTHERS)
-@pytest.mark.parametrize("tactile", ["none", "oracle"])
-@pytest.mark.parametrize("name", SHAPES)
-def test_the_published_settings_run(name, tactile, smoother):
-    o, e, contact = in_two_contacts(name, 45)
-    # One hypothesis: touch is believed so exactly there that it always contradicts pushing.
-    tracker, found = track(name, frames(o, e, contact), o[0], settings(tactile, smoother, PUBLISHED, 1))
-    assert "indeterminate" not in statuses(found)
-    assert len(tracker.smoothed()) == len(o)
-    if tactile == "oracle":
-        assert translation_errors(poses(found), o).max() < 0.5e-3
-        assert np.abs(rotation_errors(poses(found), o)).max() < math.radians(0.1)
 
 
 def test_a_turned_world_turns_the_estimates():
@@ -98,7 +84,7 @@ def test_two_tips_push_together_or_one_of_them_does(smoother, y, both):
     assert (yaw_deviations(found)[-1] < 2e-2) == both
 
 
-@pytest.mark.parametrize("noise", [NoiseSettings(), CALIBRATED, PUBLISHED], ids=["default", "calibrated", "published"])
+@pytest.mark.parametrize("noise", [NoiseSettings(), CALIBRATED], ids=["default", "calibrated"])
 def test_an_untouched_object_rests(noise):
     first = np.array([0.1, 0.2, 3.0])
     far = np.tile([1.0, 1.0, 0.0], (20, 1))

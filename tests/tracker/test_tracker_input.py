@@ -7,7 +7,7 @@ import pytest
 from push_samples import SHAPES, frames, in_two_contacts, pushed, sensor
 from tracker_samples import SMOOTHERS, disc_tracker, poses, settings, small_frame, track
 
-from palpate import Disc, EstimationError, Frame, Polygon, Rectangle, SettingError, ShapeError, Tracker, TrackerSettings
+from palpate import Disc, EstimationError, Frame, Polygon, Rectangle, SettingError, ShapeError, Tracker
 
 NO_POSES = [(0, 0), (0, 0, np.nan), (np.inf, 0, 0), ((0, 0, 0),), "here", 1e-3, -np.eye(3)]
 NO_SIGMAS = [*NO_POSES, (0.0, 1e-3, 1e-2), (1e-3, 1e-3, -1e-2)]
@@ -62,7 +62,6 @@ def test_an_outline_in_millimetres_is_asked_about(caplog):
         ({"calibration": Path("unit.npz")}, "calibration is 'unit.npz'; .* which palpate.load_calibration reads"),
         ({"touch": "learnt"}, r"touch is 'learnt'; it must be an object with methods measure\(frame\) and end_contact"),
         ({"touch": Tracker}, "touch is <class '.*Tracker'>; it must be an object"),
-        ({"settings": TrackerSettings(pressure=40.0)}, "pressure is 40 m, and the object is 0.176 m wide"),
     ],
 )
 def test_arguments_of_another_kind(arguments, words):

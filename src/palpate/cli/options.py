@@ -29,7 +29,7 @@ ShapeUnit = Literal["m", "cm", "mm", "in"]
 Numbers = tuple[float, float, float]
 """A pose or its standard deviations [m, m, rad]."""
 
-NOISE = "palpate|published|FILE"
+NOISE = "palpate|FILE"
 """The metavar of an option that takes noise settings."""
 
 
@@ -116,14 +116,12 @@ class Touch(SensorUnit):
 
 @dataclass(frozen=True)
 class Estimator:
-    """The estimator: solver, noise, friction on the table, and hypotheses."""
+    """The estimator: solver, noise, and hypotheses."""
 
     smoother: SmootherName = "fixed-lag"
     """Solve the graph over the last steps of a contact, or over all of them."""
     noise: Annotated[str, arg(NOISE)] = "palpate"
-    """Standard deviations: a preset, or a file of palpate tune."""
-    pressure: Annotated[Literal["uniform"] | float, arg("uniform|METRES")] = "uniform"
-    """Pressure of the object on the table, or its friction radius c [m]."""
+    """Standard deviations: those of palpate, or a file of palpate tune."""
     hypotheses: Annotated[int, arg("N")] = 9
     """Largest number of hypotheses kept while touch is ambiguous; more are allowed at the start of a contact."""
 
@@ -131,7 +129,7 @@ class Estimator:
         """Return the settings of a tracker."""
         from palpate.config import TrackerSettings, noise_of
 
-        return TrackerSettings(tactile, self.smoother, noise_of(self.noise), self.pressure, self.hypotheses)
+        return TrackerSettings(tactile, self.smoother, noise_of(self.noise), self.hypotheses)
 
 
 @dataclass(frozen=True)

@@ -52,16 +52,12 @@ class _Outline(ABC):
     def outline(self, count: int = 200) -> Array:
         """Return about `count` points (N, 2) [m] on the outline, counter-clockwise."""
 
-    def friction_radius(self, pressure: str | float = "uniform") -> float:
+    @abstractmethod
+    def friction_radius(self) -> float:
         """Return c [m], the ratio of largest friction torque to largest friction force on the support.
 
-        With the "uniform" pressure it is the mean distance from the centroid over the area. A number [m] is c itself.
+        For an even pressure it is the mean distance from the centroid over the area.
         """
-        return self._mean_distance() if pressure == "uniform" else _size(pressure, "friction radius")
-
-    @abstractmethod
-    def _mean_distance(self) -> float:
-        """Return the mean distance from the centroid over the area [m]."""
 
 
 class _Cornered(_Outline):
@@ -76,7 +72,8 @@ class _Cornered(_Outline):
         """Return about `count` points (N, 2) [m], counter-clockwise: the corners and points between them."""
         return polygon.points_along(self.corners, count)[0]
 
-    def _mean_distance(self) -> float:
+    def friction_radius(self) -> float:
+        """Return c [m]; see `Shape.friction_radius`."""
         return polygon.mean_distance(self.corners)
 
 
@@ -102,7 +99,8 @@ class Disc(_Outline):
         points = np.asarray(points, dtype=np.float64)
         return np.hypot(points[..., 0], points[..., 1]) - self.radius
 
-    def _mean_distance(self) -> float:
+    def friction_radius(self) -> float:
+        """Return c [m]; see `Shape.friction_radius`."""
         return 2.0 / 3.0 * self.radius
 
 
@@ -182,7 +180,8 @@ class Ellipse(_Outline):
                 break
         return short * (u - 1.0) * np.hypot(p / (u + (r - 1.0)), q / u)
 
-    def _mean_distance(self) -> float:
+    def friction_radius(self) -> float:
+        """Return c [m]; see `Shape.friction_radius`."""
         from scipy.special import ellipe
 
         a, b = 0.5 * self.size_x, 0.5 * self.size_y

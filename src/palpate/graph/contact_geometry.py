@@ -105,14 +105,11 @@ class ContactModel:
         return moved
 
 
-def contact_model(shape: Shape, sensor: SensorProfile, pressure: str | float = "uniform") -> ContactModel:
-    """Return the contact model of a sensor and an object.
-
-    `pressure` is the pressure distribution between object and table ("uniform"), or c itself [m].
-    """
+def contact_model(shape: Shape, sensor: SensorProfile) -> ContactModel:
+    """Return the contact model of a sensor and an object."""
     field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
     parts = np.array([complex(x, y) for x, y in sensor.round_centers.tolist()])
-    c = shape.friction_radius(pressure)
+    c = shape.friction_radius()
     tips = sensor.centers
     span = float(np.linalg.norm(tips[:, None] - tips, axis=-1).max())
     return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span)

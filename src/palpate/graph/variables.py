@@ -49,7 +49,7 @@ DEPTH = Variable("depth", "object", 1)
 OUTLINE_SCALE = Variable("outline_scale", "object", 1)
 """Relative size error of the outline."""
 FRICTION_RATIO = Variable("friction_ratio", "object", 1)
-"""Logarithm of c^2 over the c^2 of the assumed pressure distribution."""
+"""Logarithm of c^2 over the c^2 of an even pressure on the table."""
 FRICTION_CENTER = Variable("friction_center", "object", 2)
 """Centre of friction relative to the centroid, along x and y of the object, in units of c."""
 GRIP = Variable("grip", "object", 1)

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import palpate
-from palpate.config import PRESETS
 from palpate.errors import FileError
 from palpate.files import read_table, whole_folder
 from palpate.io.estimates_mcap import write_estimates_mcap
@@ -68,7 +67,6 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         "calibration": str(calibration.file.absolute()) if calibration and calibration.file else None,
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
-        "noise_preset": next((name for name, preset in PRESETS.items() if preset == run.settings.noise), None),
         "recording": RECORDING if file is None else str(file.absolute()),
         **asdict(run.settings),
     }

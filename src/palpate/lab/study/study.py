@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import palpate
-from palpate.config import PRESETS, Tactile, TrackerSettings
+from palpate.config import Tactile, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.files import held_folder, read_arrays, read_json, whole_file
 from palpate.geometry.shapes import shape_to_dict
@@ -168,10 +168,8 @@ def described(settings: StudySettings) -> dict[str, Any]:
     return {
         "palpate": palpate.__version__,
         "methods": list(settings.methods),
-        "noise_preset": next((name for name, preset in PRESETS.items() if preset == tracker.noise), None),
         "noise": asdict(tracker.noise),
         "smoother": tracker.smoother,
-        "pressure": tracker.pressure,
         "hypotheses": tracker.hypotheses,
         "model": model and {"folder": str(model.folder), "hash": model.hash},
         "calibration": unit and {"file": str(unit.file or ""), "hash": unit.hash},
@@ -203,7 +201,7 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
         raise FileError(f"{path}: is not of format {FORMAT['format']!r}, version {FORMAT['version']}")
     old, new = flat(found["made_with"]), flat(now)
     for name in {**old, **new}:
-        may_differ = name in ("methods", "noise_preset", "model.folder", "calibration.file")
+        may_differ = name in ("methods", "model.folder", "calibration.file")
         if old.get(name) != new.get(name) and not may_differ:
             change = f"{name} was {old.get(name)}, is {new.get(name)}"
             raise SettingError(f"{out}: was made with other settings ({change}); name another folder")
