@@ -1,4 +1,4 @@
-"""Plausibility of a stream's times and poses, and five sentences on its quality.
+"""Plausibility of a stream's times and poses, and four sentences on its quality.
 
 A single outlier is refused. If the frames after it agree with it, the stream has really changed, as by a clock that was
 set, and is accepted.
@@ -155,14 +155,13 @@ def _is_within(one: Pose, other: Pose, rate: tuple[float, float], factor: float)
 
 _LATELY = 15  # frames, half a second at 30 Hz
 _SLOW, _LONGEST = 1.5, 3.0  # nominal intervals, in the mean; a single gap counts no more than the latter
-_OFTEN, _BEST_RATE = 90.0, 60.0  # [Hz] from which a stream should be thinned, as the estimate gains up to the latter
 _NOISY, _RAYLEIGH_MEDIAN = 3.0, 1.1774  # stated deviations; median length of a vector of two standard normal numbers
 _OTHER_LIGHT = 0.25  # relative change of brightness; presses on real gels change it by 0.03
 _SIDEWAYS, _PUSHED = math.radians(70.0), 0.02  # angle of the push to the sensor's x axis, and its least length [m]
 
 
 class StreamQuality:
-    """Five sentences, on a stream whose rate, pose noise, light or direction of pushing makes the estimate worse."""
+    """Four sentences, on a stream whose rate, pose noise, light or direction of pushing makes the estimate worse."""
 
     def __init__(self, rate: float, deviation: float) -> None:
         """Take the nominal rate [Hz] and the standard deviation of x and y of the sensor [m]."""
@@ -204,7 +203,7 @@ class StreamQuality:
             rate = len(self._intervals) / sum(self._intervals)
             advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
             return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
-        return too_often(1.0 / self._median) if len(relative) == _LATELY else ""
+        return ""
 
     def _of_noise(self) -> str:
         noise = median(self._noise) / _RAYLEIGH_MEDIAN if len(self._noise) == _LATELY else 0.0
@@ -227,14 +226,6 @@ def _of_light(light: Array) -> str:
         return ""
     percent = f"{100.0 * red:.0f}, {100.0 * green:.0f} and {100.0 * blue:.0f} %"
     return f"red, green and blue light are at {percent} of the untouched gel's"
-
-
-def too_often(rate: float) -> str:
-    """Return a sentence on a rate [Hz] higher than serves the estimate; empty if it is not."""
-    if rate < _OFTEN:
-        return ""
-    every = math.ceil(rate / _BEST_RATE - 0.1)  # times jitter
-    return f"frames come {rate:.3g} times a second; the pose is known better from one in {every} of them"
 
 
 def _off_parabola(*last: tuple[float, complex]) -> float:

@@ -198,12 +198,9 @@ def test_a_good_stream_has_no_weakness():
         (1.0, "frames come 1 times a second and not 30 times; the pose is known less well"),
         (15.0, "frames come 15 times a second and not 30 times; the pose is known less well"),
         (60.0, ""),
-        (85.0, ""),
-        (122.0, "frames come 122 times a second; the pose is known better from one in 2 of them"),
-        (250.0, "frames come 250 times a second; the pose is known better from one in 5 of them"),
     ],
 )
-def test_a_rate_that_is_too_low_or_too_high_is_named(rate, sentence):
+def test_a_rate_that_is_too_low_is_named(rate, sentence):
     assert reasons(np.arange(40) / rate)[-1] == sentence
 
 

@@ -1,5 +1,6 @@
 """Weights of factors by their settings, computed by hand."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import GRIP
 
-ONE_TIP = contact_model(SHAPES["rectangle"], sensor(), 0.06)
+ONE_TIP = replace(contact_model(SHAPES["rectangle"], sensor()), friction_radius=0.06)
 EDGE = np.arctan(0.4)  # half angle of the friction cone at a grip of 0.4
 SLIDE = with_settings(  # holds to 5e-5 m, slides by 3e-3 m, where the sensor moves by 1 mm
     NoiseSettings(),

@@ -322,12 +322,11 @@ def test_pushing_agrees_with_the_paper_to_first_order():
 
 
 def test_contact_model_of_a_sensor():
-    model = contact_model(SHAPES["concave"], sensor(0.004, ((0.0, 0.03), (0.001, -0.03))), 0.05)
+    model = contact_model(SHAPES["concave"], sensor(0.004, ((0.0, 0.03), (0.001, -0.03))))
     np.testing.assert_allclose(model.parts, [-0.004 + 0.03j, -0.003 - 0.03j])
     # The L is 0.16 x 0.06 about (-0.01, -0.03) and 0.07 x 0.07 about (-0.055, 0.035): areas 0.0096 and 0.0049.
     # x = (0.0096 * -0.01 + 0.0049 * -0.055) / 0.0145, y = (0.0096 * -0.03 + 0.0049 * 0.035) / 0.0145
     assert model.friction_center == pytest.approx(-0.02520690 - 0.00803448j, abs=1e-8)
-    assert model.friction_radius == 0.05
     alone = contact_model(Disc(0.09), sensor())
     assert alone.parts.tolist() == [-RADIUS]
     assert (model.span, alone.span) == (pytest.approx(math.hypot(0.06, 0.001)), 0.0)

@@ -24,7 +24,7 @@ def apart_from(given, belief: Belief, offsets) -> Belief:
 def states(window: Window, row: int):
     """All that a row says."""
     belief = window.belief().take([row])
-    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], window.recent[row]
+    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], window.rows["recent"][row]
 
 
 def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tolerance: float = 0.0) -> None:
@@ -85,7 +85,7 @@ def test_a_disturbance_leaves_other_rows_as_they_were():
     window.take([0, 0, 0])
     window.disturb([1, 2], 10, np.array([0.01, -0.01]), 0.012)
     assert_same(window, 0, before)
-    assert not window.is_lost.any()
+    assert not window.rows["is_lost"].any()
     # Pushing, but for the turn of the object, does not hold in the disturbed steps; the slides are followed.
     along = [window.last(row)["g"][1] for row in range(3)]
     assert abs(along[1] - along[0]) > 1e-3 and abs(along[2] - along[0]) > 1e-3
@@ -141,7 +141,7 @@ def test_a_belief_that_is_no_gaussian_has_no_solution():
     with pytest.raises(EstimationError, match="indeterminate"):
         Window(factors, given.model, beliefs.take([1]), given.sensor[0])
     window = Window(factors, given.model, beliefs, given.sensor[0])
-    assert window.is_lost.tolist() == [False, True]
+    assert window.rows["is_lost"].tolist() == [False, True]
 
 
 def test_costs_and_mean_squares_by_hand():
@@ -149,12 +149,12 @@ def test_costs_and_mean_squares_by_hand():
     given = contact(4, ROBUST)
     window = Window(make_factors(ROBUST, given.model), given.model, given.prior, given.sensor[0])
     for step in range(1, 5):
-        assert (window.recent == 0.0).all()
+        assert (window.rows["recent"] == 0.0).all()
         said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)] if step == 4 else []
         window.add(given.sensor[step], said, step / 30)
-    (measured, _pushing, is_ignored), square = window.costs()[0, -1], window.recent[0, 0, DIRECTION]
-    assert is_ignored == 0.0 and (window.recent[0, 1] == 0.0).all()
-    assert window.recent[0, 0, -1] == pytest.approx(window.costs()[0, :, 0].sum())
+    (measured, _pushing, is_ignored), square = window.costs()[0, -1], window.rows["recent"][0, 0, DIRECTION]
+    assert is_ignored == 0.0 and (window.rows["recent"][0, 1] == 0.0).all()
+    assert window.rows["recent"][0, 0, -1] == pytest.approx(window.costs()[0, :, 0].sum())
     scale = ROBUST.direction.kernel
     assert scale is not None
     cost = 0.5 * scale**2 * np.log1p(square / scale**2)

@@ -12,20 +12,18 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from palpate.config import NoiseSettings
 from palpate.filter.hypotheses import LIKELY, Hypotheses, Step
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, clearances
+from palpate.graph.compiled import Array, Flags
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import DIRECTION, NAMES, STICKING, TURN
 from palpate.graph.window import Window
 from palpate.types.estimate import Status
 from palpate.types.measurements import ObjectPose
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _TYPICAL, _INCONSISTENT = 0.5, 4.0
 """Usual mean square of errors [variances] and its limit: nine in ten simulated pushes are below 0.5, and all below 2; a
@@ -34,7 +32,7 @@ _ALARMS = np.full((2, len(NAMES) + 1), np.inf)
 _ALARMS[0, [TURN, DIRECTION, STICKING, -1]] = 0.5, 1.0, 30.0, 3.0
 _ALARMS[1, DIRECTION] = 0.05
 """Mean square errors over 5 and over 30 steps [variances] at which touch and pushing contradict each other, and the
-cost of the measurements of 5 steps; see `Window.recent`.
+cost of the measurements of 5 steps; see `factors.ROW`.
 Only exact turns reach theirs; at 0.13 three quarters of the frames of 120 simulated recordings would be ambiguous.
 Undisturbed, directions reach 0.5 in a tenth of all recordings; over a second an error of a fifth of a standard
 deviation is systematic, since independent ones would cancel in the estimate. A hand that moves the object along its
@@ -60,11 +58,11 @@ def disturbance_alarms(window: Window, is_suspicion_enough: bool = False) -> Fla
     A suspicion is a fit so bad that other hypotheses may fit as well.
     """
     limits = _SUSPICIONS if is_suspicion_enough else _ALARMS
-    return np.asarray((window.recent > limits).any(axis=(1, 2)))
+    return np.asarray((window.rows["recent"] > limits).any(axis=(1, 2)))
 
 
 def test_innovations(rows: Hypotheses, inconsistency: Array) -> None:
-    """Inflate the covariance where errors of pushing are large; see `Window.inconsistency`, (B,)."""
+    """Inflate the covariance where errors of pushing are large; see `factors.ROW`, (B,)."""
     if (is_large := inconsistency > _INCONSISTENT).any():
         inflated = np.where(is_large, inconsistency / _TYPICAL, 1.0)
         rows.inconsistency = np.maximum(rows.inconsistency, inflated)
@@ -82,16 +80,20 @@ class ConsistencyMonitor:
 
         The inconsistency is not included: it concerns pushing, not the last contact.
         """
-        gap, variance = clearances(belief, self._model, sensor_pose[None])
-        return gap[:, 0], np.sqrt(variance[:, 0] + self._contact_deviation**2)
+        gap, by = clearances(belief, self._model, sensor_pose[None])
+        return gap[:, 0], np.sqrt(belief.variances(by)[:, 0] + self._contact_deviation**2)
 
     def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: Array, ago: float) -> None:
         """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
 
         `touched` is its last pose in contact (3,), so many seconds `ago`.
         """
-        gap, variance = clearances(rows.belief, self._model, np.stack([sensor_pose, touched]))
+        gap, by = clearances(rows.belief, self._model, np.stack([sensor_pose, touched]))
         now, before = gap.T
+        if (now >= np.maximum(before, 0.0)).all():
+            return
+        by[:, 1] -= by[:, 0]
+        variance = rows.belief.variances(by)
         deviation = np.sqrt(variance[:, 0] + self._contact_deviation**2)
         rows.displace(np.where(now < -_SURPRISE * deviation, -now, 0.0))
         deviation = np.sqrt(rows.inconsistency * variance[:, 1] + _STILL**2)

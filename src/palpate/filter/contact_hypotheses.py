@@ -9,18 +9,15 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from palpate.filter.consistency import is_uncertain
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, Step, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
+from palpate.graph.compiled import Array, Complex, Flags, Integers
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.variables import DEPTH, OUTLINE_SCALE
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 LOG_UNLIKELY = 1.0
 """Log of the odds that nothing else moved the object against that something did."""
@@ -38,7 +35,7 @@ _ROUND = 1e-4  # [m] difference in distance from the centroid on a round outline
 
 def contact_hypotheses(
     rows: Hypotheses, rest: Belief, displaced: Belief, was_found: bool, model: ContactModel, step: Step
-) -> tuple[Hypotheses, Indices]:
+) -> tuple[Hypotheses, Integers]:
     """Return the hypotheses with which a contact begins, likeliest first, and the row each of them comes from.
 
     Those that take images as mirrored come last. The beliefs `rest` hold if nothing moved the object since, `displaced`
@@ -80,14 +77,14 @@ def contact_hypotheses(
     return begun.take(chosen), origin[chosen]
 
 
-def _of_each_row(origin: Indices, likely: Array, count: int) -> Array:
+def _of_each_row(origin: Integers, likely: Array, count: int) -> Array:
     """Return the log probabilities (count,) of all places that come from each row together."""
     total = np.full(count, -np.inf)
     np.logaddexp.at(total, origin, likely)
     return total
 
 
-def _merged(rows: Hypotheses, order: Indices) -> Indices:
+def _merged(rows: Hypotheses, order: Integers) -> Integers:
     """Return the rows of different poses, and add to their log probabilities those of the same poses.
 
     `order` are some rows, the likeliest first.
@@ -116,8 +113,8 @@ def is_round(model: ContactModel) -> bool:
 
 
 def poses_in_contact(
-    beliefs: Belief, rows: Indices, sign: Array, model: ContactModel, step: Step, is_guess: bool
-) -> tuple[Belief, Indices, Array]:
+    beliefs: Belief, rows: Integers, sign: Array, model: ContactModel, step: Step, is_guess: bool
+) -> tuple[Belief, Integers, Array]:
     """Return beliefs (N rows) at places where a contact may begin, their rows and their log probabilities (N,).
 
     They come from some rows of `beliefs`. One that is a guess only says how likely each place is: the object is within
@@ -158,7 +155,7 @@ def poses_in_contact(
     return replace(here, pose=pose), rows[origin], likely
 
 
-def _at_places(belief: Belief, sign: Array, model: ContactModel, step: Step) -> tuple[Array, Array, Indices]:
+def _at_places(belief: Belief, sign: Array, model: ContactModel, step: Step) -> tuple[Array, Array, Integers]:
     """Return object poses (N, 3) at which the sensor touches each place, covariances (N, 3, 3) in the world, and rows.
 
     Places of B beliefs are (B, P, 1), with Y yaws of the sensor in the object frame (B, 1 or P, Y).
@@ -209,7 +206,7 @@ def _likely_turns(deviation: Array) -> tuple[Array, Flags]:
 
 
 @lru_cache(maxsize=8)
-def outline_places(model: ContactModel) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def outline_places(model: ContactModel) -> tuple[Complex, Complex]:
     """Return centres of a tip in contact, all around the outline, and outward normals there (N,), object frame."""
     centred = replace(model, parts=np.zeros(1, np.complex128))
     pose = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])

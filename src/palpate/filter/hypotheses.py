@@ -8,17 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.config import Priors
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, RowArrays
+from palpate.graph.compiled import Array, Flags, Integers
 from palpate.graph.variables import DIRECTION_BIAS, DIRECTION_SCALE
 from palpate.types.measurements import ContactDirection, Measurement
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Counts = NDArray[np.int64]
 
 MOST_YOUNG = 20
 """Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""
@@ -33,7 +29,6 @@ _GRACE = 25  # frames after which a poor hypothesis goes
 _COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0  # share of the costs that counts; largest cost of a step beyond the best one's
 _PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
 _NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
-_LOST = 2.0  # [m] standard deviation at which a solution has diverged
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
 
@@ -85,28 +80,17 @@ class Hypotheses(RowArrays):
     """Probability among all hypotheses, (B,)."""
     sign: Array
     """(B,) -1.0 if touch images are taken as mirrored."""
-    age: Counts
+    age: Integers
     """Frames of contact since it was added, (B,)."""
-    disturbed_steps_left: Counts
+    disturbed_steps_left: Integers
     """Steps for which something else may still move the object, (B,)."""
-    next_alarm: Counts
+    next_alarm: Integers
     """First step of the contact at which an alarm is of something new, (B,)."""
-
-    @property
-    def is_mirror(self) -> Flags:
-        """True for the second group of hypotheses, which takes touch images the other way, until this is decided."""
-        return self.sign != self.sign[0]
 
     @property
     def whole_belief(self) -> Belief:
         """Belief with the unobservable yaw."""
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * np.diag([0.0, 0.0, 1.0]))
-
-    @property
-    def is_lost(self) -> Flags:
-        """True where the solution has diverged, (B,)."""
-        variances = np.diagonal(self.belief.pose_covariance, axis1=1, axis2=2)
-        return np.any(variances[:, :2] > _LOST**2, axis=1)
 
     def hold_out_yaw(self, is_observable: bool) -> None:
         """Keep a large variance of yaw out of the graph, unless it is observable.
@@ -150,15 +134,13 @@ def costs_of_contact(costs: Array) -> Array:
     return _COST_SHARE * np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
 
 
-def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> tuple[Counts, Array]:
+def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> tuple[Integers, Array]:
     """Return the rows worth keeping, the best first, and their weights: none is poor or the same as a better one.
 
     There are `most` at most, or as many as at the beginning of a contact while all are young.
     """
     unusual = np.sum(np.square((rows.belief.values - priors.mean) / priors.deviation), axis=1)
     scores = rows.log_prior - costs_of_contact(costs) - 0.5 * _PRIOR_SHARE * unusual
-    if not (lost := rows.is_lost).all():
-        scores[lost] = -np.inf  # they may come back
     relative = np.exp(scores - scores.max())
     is_poor = (rows.age > _GRACE) & (relative < POOR)
     is_settled = rows.disturbed_steps_left == 0

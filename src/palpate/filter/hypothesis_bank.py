@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings, SmootherName
 from palpate.errors import EstimationError
@@ -22,17 +21,18 @@ from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, t
 from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
 from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, Step, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
+from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
+from palpate.graph.compiled import Array, Flags, Integers
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import make_factors, place_in_time
-from palpate.graph.own_measurements import CheckedMeasurements
-from palpate.graph.variables import GRIP, IN_OBJECT, LAG
+from palpate.graph.own_measurements import values_at, with_right_jacobians
+from palpate.graph.variables import CONTACT_SIZE, GRIP, IN_OBJECT, LAG
 from palpate.graph.window import Window
 from palpate.types.estimate import REASONS, Answer, Estimate
-from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
+from palpate.types.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 
 _BACK = 10  # steps before an alarm in which a hand may have moved the object
 _SPREAD = 0.012  # [m] standard deviation of the object's slide over the sensor meanwhile
@@ -65,7 +65,8 @@ class HypothesisBank:
         self._model, self._settings, self._most = model, settings, most
         self._factors = make_factors(settings, model)
         self._lag = LAG if smoother == "fixed-lag" else 2**62
-        self._monitor, self._own = ConsistencyMonitor(model, settings), CheckedMeasurements()
+        self._monitor = ConsistencyMonitor(model, settings)
+        self._is_right: dict[type, bool] = {}  # classes of own measurements: True if their Jacobian is right
         self._may_be_mirrored = may_be_mirrored
         self.is_mirrored = False
         """True if touch images are taken as turned by half a turn or mirrored."""
@@ -80,7 +81,8 @@ class HypothesisBank:
         belief = Belief(pose[None], priors.mean[None], joint[None])
         self._rows = single(belief, sign=-1.0 if self.is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
-        self._history: list[NDArray] = []  # poses (B, N, 3) up to the current window, and rows (B,) that were taken
+        # Poses (B, N, 3) up to the current window, and rows (B,) that were taken.
+        self._history: list[Array | Integers] = []
         self._sensor_pose: Array | None = None  # at the last frame
         self._touched: tuple[Array, float] | None = None  # sensor pose and time [s] of the last frame of contact
         self._is_indeterminate = False
@@ -121,7 +123,7 @@ class HypothesisBank:
         Since the last frame the sensor may have moved by `hidden_motion` [m].
         """
         window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
-        rows = rows if len(rows.age) == 1 else rows.take(~rows.is_mirror)
+        rows = rows if len(rows.age) == 1 else rows.take(~self._is_mirror)
         belief = rows.belief
         covariance, covariances, status, reason = self._monitor.assessed(rows, window is not None)
         if self._is_indeterminate and status != "ambiguous":
@@ -179,7 +181,7 @@ class HypothesisBank:
         """
         measurements = self._checked(measurements, sensor_pose, time)
         step = Step(sensor_pose, measurements, from_touch, [*self._times, time])
-        if self._window is not None and self._rows.is_mirror.any():
+        if self._window is not None and self._is_mirror.any():
             self._decide_mirrored(self._window, time)
         path = None if self._window is None else self._window.object_path()
         try:
@@ -199,7 +201,7 @@ class HypothesisBank:
         window, rows = self._in_window(), self._rows
         rows.belief, rows.age = window.belief(), rows.age + 1
         rows.disturbed_steps_left = np.maximum(rows.disturbed_steps_left - 1, 0)
-        test_innovations(rows, window.inconsistency)
+        test_innovations(rows, window.rows["inconsistency"])
         if is_measured or rows.apart.any():
             self._monitor.test_outline(rows, sensor_pose, is_measured)
         self._times, self._steps = step.times[-LAG:], self._steps + 1
@@ -212,9 +214,7 @@ class HypothesisBank:
         """The sensor released the object, which something else may have moved meanwhile by this much [m]."""
         if self._window is None:
             return
-        self._take(~self._rows.is_mirror)
-        if not (lost := self._rows.is_lost).all():
-            self._take(~lost)
+        self._take(~self._is_mirror)
         rows, self._is_indeterminate = self._rows, False
         moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, _SPREAD), moved)
         belief = rows.belief.at_next_contact(self._settings.priors)
@@ -284,7 +284,7 @@ class HypothesisBank:
         window, is_measured = self._in_window(), self._test_object_poses(step, path)
         spread = np.where(self._rows.disturbed_steps_left > 0, _SPREAD / math.sqrt(_BACK), 0.0)
         leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], spread, step.from_touch)
-        is_found = ~window.is_lost
+        is_found = ~window.rows["is_lost"]
         self._drop_lost(window)
         if leaving is not None:
             self._history.append(leaving[is_found, None])
@@ -309,7 +309,7 @@ class HypothesisBank:
         if not alarms.any():
             return
         is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
-        likeliest = [np.flatnonzero(alarms & is_watched & group)[:1] for group in (rows.is_mirror, ~rows.is_mirror)]
+        likeliest = [np.flatnonzero(alarms & is_watched & group)[:1] for group in (self._is_mirror, ~self._is_mirror)]
         for row in np.concatenate(likeliest).tolist():
             self._branch(window, row)
 
@@ -327,13 +327,13 @@ class HypothesisBank:
         rows.disturbed_steps_left[count:] = AHEAD
         rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
         self._drop_lost(window)
-        self._take(np.argsort(self._rows.is_mirror, kind="stable"))
+        self._take(np.argsort(self._is_mirror, kind="stable"))
 
     def _reweight_and_prune(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
         kept, weights = [0], [1.0]
         if len(self._rows.age) > 1:
-            is_mirror, costs, kept, weights = self._rows.is_mirror, window.costs(), [], []
+            is_mirror, costs, kept, weights = self._is_mirror, window.costs(), [], []
             for group in (np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)):
                 order, weight = np.arange(len(group)), np.ones(len(group))
                 if len(group) > 1:
@@ -343,12 +343,12 @@ class HypothesisBank:
                 kept, weights = [*kept, *group[order]], [*weights, *weight]
             self._take(kept)
         rows = self._rows
-        count = np.count_nonzero(rows.is_mirror)
-        is_single = np.where(rows.is_mirror, count, len(kept) - count) == 1
+        count = np.count_nonzero(self._is_mirror)
+        is_single = np.where(self._is_mirror, count, len(kept) - count) == 1
         rows.weight, rows.log_prior = np.array(weights), np.where(is_single, 0.0, rows.log_prior)
         window.count_all_costs(is_single)
-        if rows.displacement[rows.is_mirror][:1].any():
-            self._take(~rows.is_mirror)
+        if rows.displacement[self._is_mirror][:1].any():
+            self._take(~self._is_mirror)
         if is_single[0] and not self._is_found:
             self._is_found = not is_rough(rows.belief, self._model)[0]
 
@@ -357,7 +357,7 @@ class HypothesisBank:
 
         They are mirrored only if one pose is left, since if several are needed something else is wrong.
         """
-        is_mirror = self._rows.is_mirror
+        is_mirror = self._is_mirror
         detected, is_disturbed = disturbance_alarms(window), np.asarray(window.costs()[..., 2].any(axis=1))
         groups = np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)
         best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
@@ -375,8 +375,17 @@ class HypothesisBank:
             logger.warning("frame at %.3f s: %s", time, _MIRRORED)
 
     def _checked(self, measurements: Sequence[Measurement], sensor_pose: Array, time: float) -> Sequence[Measurement]:
+        if not any(isinstance(one, OwnMeasurement) for one in measurements):
+            return measurements
         belief = self._rows.belief
-        return self._own.of(measurements, belief.pose[0], belief.values[0], sensor_pose, time)
+        shared = np.concatenate([np.zeros(CONTACT_SIZE), belief.values[0]])
+        values = values_at(se2.between(belief.pose[0], sensor_pose), sensor_pose, shared)
+        return with_right_jacobians(measurements, self._is_right, values, time)
+
+    @property
+    def _is_mirror(self) -> Flags:
+        """True for the second group of hypotheses, which takes touch images the other way, until this is decided."""
+        return self._rows.sign != self._rows.sign[0]
 
     def _in_window(self) -> Window:
         assert self._window is not None
@@ -394,9 +403,9 @@ class HypothesisBank:
 
     def _drop_lost(self, window: Window) -> None:
         """Drop hypotheses without a solution; raises EstimationError if none with images as they are has one."""
-        is_lost = window.is_lost
+        is_lost = window.rows["is_lost"]
         if is_lost.any():
-            if is_lost[~self._rows.is_mirror].all():
+            if is_lost[~self._is_mirror].all():
                 raise EstimationError("the linear system of the window is indeterminate")
             self._take(~is_lost)
 

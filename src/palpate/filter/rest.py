@@ -7,19 +7,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor
 from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
+from palpate.graph.compiled import Array
 from palpate.graph.factors import place_in_time, warn_of_time
 from palpate.graph.own_measurements import evaluated, is_available_at_rest
 from palpate.graph.variables import CONTACT_SIZE, IN_STEP, OBJECT_SIZE, SENSOR, STEP_SIZE
 from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
 
-Array = NDArray[np.float64]
 _ITERATIONS, _CONVERGED = 10, 1e-6  # [m], [rad]
 _INDETERMINATE = "measurements of the resting object leave it indeterminate"
 

@@ -4,17 +4,15 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.config import Priors
-from palpate.graph.compiled import Records, compiled
-from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel, Surface, put_touch
-from palpate.graph.se2_kernels import between, cross, dot, position, rotation
+from palpate.geometry import se2
+from palpate.graph.compiled import Array, Flags, Integers
+from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE, Variable
 
-Array = NDArray[np.float64]
-_DEPTH, _SIZE, _NUMBERS = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start, 3 + OBJECT_SIZE
-Indices = NDArray[np.int64] | NDArray[np.bool_] | list[int] | slice
+_DEPTH, _SIZE = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start
+Indices = Integers | Flags | list[int] | slice
 R = TypeVar("R", bound="RowArrays")
 
 
@@ -58,6 +56,10 @@ class Belief(RowArrays):
         """Covariance of the pose, (B, 3, 3)."""
         return self.covariance[:, :3, :3]
 
+    def variances(self, derivatives: Array) -> Array:
+        """Return the variances (B, P) of numbers with these derivatives (B, P, 3 + OBJECT_SIZE) by the belief."""
+        return np.einsum("bpi,bij,bpj->bp", derivatives, self.covariance, derivatives)
+
     def inflated(self, covariance: Array) -> "Belief":
         """Return the same with covariances (3, 3) or (B, 3, 3) added to that of the pose."""
         joint = self.covariance.copy()
@@ -79,47 +81,18 @@ class Belief(RowArrays):
 
 
 def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tuple[Array, Array]:
-    """Return the distances [m] of sensor poses (P, 3) from the object and their variances [m^2], (B, P) each.
+    """Return the distances (B, P) [m] of sensor poses (P, 3) from the object, and their derivatives by the belief.
 
-    From the second pose on, the variance is that of the difference from the first distance.
+    These are (B, P, 3 + OBJECT_SIZE), in the order of `Belief.covariance`.
     """
-    gaps, variances = np.empty((2, len(belief), len(sensor_poses)))
-    pose, values, covariance = map(np.ascontiguousarray, (belief.pose, belief.values, belief.covariance))
-    touch, room = np.empty(1, CONTACT_GEOMETRY), (np.empty(3), np.zeros((2, _NUMBERS)))
-    _put_clearances(
-        pose, values, covariance, sensor_poses, model.surface, model.friction_center, touch, room, gaps, variances
-    )
-    return gaps, variances
-
-
-@compiled
-def _put_clearances(
-    poses: Array,
-    values: Array,
-    covariances: Array,
-    sensor_poses: Array,
-    surface: Surface,
-    center: complex,
-    touch: Records,
-    room: tuple[Array, Array],
-    gaps: Array,
-    variances: Array,
-) -> None:
-    g, derivatives = room
-    near = touch[0]
-    for b in range(gaps.shape[0]):
-        for p in range(gaps.shape[1]):
-            between(poses[b], sensor_poses[p], g)
-            put_touch(position(g), rotation(g[2]), surface, near)
-            reach = dot(near.normal, near.point - center) - near.gap * dot(near.normal, near.normal)
-            gaps[b, p] = near.gap + values[b, _DEPTH] - values[b, _SIZE] * reach
-            # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
-            force, by = rotation(g[2]) * complex(near.gap_by_g[0], near.gap_by_g[1]), derivatives[min(p, 1)]
-            by[0], by[1], by[2] = -force.real, -force.imag, -near.gap_by_g[2] - cross(position(g), force)
-            by[3 + _DEPTH], by[3 + _SIZE] = 1.0, -reach
-            variances[b, p] = 0.0
-            for i in range(_NUMBERS):
-                by[i] -= derivatives[0, i] if p > 0 else 0.0
-            for i in range(_NUMBERS):
-                for j in range(_NUMBERS):
-                    variances[b, p] += by[i] * covariances[b, i, j] * by[j]
+    g = se2.between(belief.pose[:, None], sensor_poses)
+    near = model.touching(g)
+    gap, normal = near["gap"], near["normal"]
+    reach = np.real(np.conj(normal) * (near["point"] - model.friction_center)) - gap * np.square(np.abs(normal))
+    # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
+    place, by_g = g[..., 0] + 1j * g[..., 1], near["gap_by_g"]
+    force = np.exp(1j * g[..., 2]) * (by_g[..., 0] + 1j * by_g[..., 1])
+    by = np.zeros((*gap.shape, 3 + OBJECT_SIZE))
+    by[..., 0], by[..., 1], by[..., 2] = -force.real, -force.imag, -by_g[..., 2] - (place.conj() * force).imag
+    by[..., 3 + _DEPTH], by[..., 3 + _SIZE] = 1.0, -reach
+    return gap + belief[DEPTH] - belief[OUTLINE_SCALE] * reach, by

@@ -9,7 +9,7 @@ triangles of matrices count.
 import math
 
 from palpate.graph.compiled import Array, kernel
-from palpate.graph.variables import LAST_SIZE, STEP_SIZE, WIDTH
+from palpate.graph.variables import STEP_SIZE, WIDTH
 
 
 @kernel
@@ -61,28 +61,6 @@ def step_into_past(system: Array, gradient: Array) -> None:
             system[i, size + j] = 0.0
         for j in range(2 * size, WIDTH):
             system[i, j], system[size + i, j] = system[size + i, j], 0.0
-
-
-@kernel
-def last_covariance(root: Array, inverse: Array, covariance: Array) -> None:
-    """Write the covariance (LAST_SIZE, LAST_SIZE) of the newest step and the shared variables, from their root.
-
-    `inverse` (LAST_SIZE, LAST_SIZE) is room for that of the root.
-    """
-    for i in range(LAST_SIZE - 1, -1, -1):
-        for j in range(LAST_SIZE):
-            inverse[i, j] = 1.0 if i == j else 0.0
-        for k in range(i + 1, LAST_SIZE):
-            for j in range(k, LAST_SIZE):
-                inverse[i, j] -= root[i, STEP_SIZE + k] * inverse[k, j]
-        for j in range(i, LAST_SIZE):
-            inverse[i, j] /= root[i, STEP_SIZE + i]
-    for i in range(LAST_SIZE):
-        for j in range(i, LAST_SIZE):
-            total = 0.0
-            for k in range(j, LAST_SIZE):
-                total += inverse[i, k] * inverse[j, k]
-            covariance[i, j] = covariance[j, i] = total
 
 
 @kernel

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Records = Any
 """An array of a structured type, or one element of it, whose fields compiled code reads and sets by name."""

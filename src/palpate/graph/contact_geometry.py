@@ -159,9 +159,8 @@ def _put_mean(parts: Records, touch: Records) -> None:
         nearest = min(nearest, parts[i].gap)
     total = 0.0
     touch.point = touch.material = touch.normal = 0.0
-    for c in range(3):
-        touch.gap_by_g[c] = 0.0
-        touch.point_by_g[c] = touch.material_by_g[c] = touch.normal_by_g[c] = 0.0
+    touch.gap_by_g[:] = 0.0
+    touch.point_by_g[:] = touch.material_by_g[:] = touch.normal_by_g[:] = 0.0
     for i in range(len(parts)):
         total += math.exp((nearest - parts[i].gap) / _SOFT)
     for i in range(len(parts)):

@@ -4,18 +4,17 @@ All rows share the terms of measurements, which are sorted by step.
 """
 
 import math
-from typing import NamedTuple
+
+import numpy as np
 
 from palpate.graph import factors, measured, pushing
-from palpate.graph.block_tridiagonal import eliminate, inflate, last_covariance, step_into_past, substitute_back
+from palpate.graph.block_tridiagonal import eliminate, inflate, step_into_past, substitute_back
 from palpate.graph.compiled import Array, Flags, Records, compiled, kernel
 from palpate.graph.contact_geometry import Surface, put_touch
 from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SHORT, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
-Place = tuple[int, int, int]
-"""The first step of a window among the steps of a row, the end, and how many steps have left the window."""
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
 _CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 
@@ -48,44 +47,33 @@ def of_term(now: Records, row: Records, term: Records, settings: Records, out: R
     return measured.object_pose(now, term, out)
 
 
-class Model(NamedTuple):
-    """All that does not change from frame to frame."""
-
-    settings: Records
-    """See `make_factors`, (1,)."""
-    drift: Array
-    """Variances (LAST_SIZE,) by which numbers of the last step and shared variables change from step to step."""
-    surface: Surface
-    work: Records
-    """Room for computing (1,); see `factors.WORK`."""
-
-
 @compiled
 def improve(
     steps: Records,
-    window: Place,
+    left: int,
     rows: Records,
     terms: Records,
     own: Array,
-    model: Model,
+    given: tuple[Records, Array, Surface, Records],
     changing: Flags,
     is_alone: bool,
     iterations: int,
     is_new: bool,
-) -> bool:
-    """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge; False if all are lost.
+) -> None:
+    """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge.
 
-    Steps (B, N) are STEP, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is `own_measurements.evaluated`. A row
-    `is_alone`, or goes on until all rows of its sign have converged, but for so many iterations at most. The last step
-    `is_new` in the first call after it was added.
+    Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is
+    `own_measurements.evaluated`. `given` are the settings from `make_factors`, variances (LAST_SIZE,) by which numbers
+    of the last step and shared variables change from step to step, the surfaces in contact, and room for computing
+    (1,), `factors.WORK`. A row `is_alone`, or goes on until all rows of its sign have converged, but for so many
+    iterations at most. The last step `is_new` in the first call after it was added.
     """
-    first, last, left = window
-    settings, drift, surface, work = model
+    settings, drift, surface, work = given
     is_changed = changing.copy()
     for _ in range(iterations):
         for b in range(len(rows)):
             if changing[b]:
-                row, its = rows[b], steps[b, first:last]
+                row, its = rows[b], steps[b]
                 for k in range(len(its)):
                     _put_touch(its[k], surface)
                 is_found = _eliminate_steps(its, left, row, terms, own[b], settings[0], drift, work[0])
@@ -93,15 +81,12 @@ def improve(
                     row.is_lost, row.change = True, 0.0
         if not _drop_converged(rows, is_alone, changing):
             break
-    is_any = False
     for b in range(len(rows)):
-        row, its = rows[b], steps[b, first:last]
+        row, its = rows[b], steps[b]
         if is_changed[b] and not row.is_lost:
-            _put_touch(steps[b, last - 1], surface)
+            _put_touch(its[len(its) - 1], surface)
             _conclude(its, row, settings[0], is_new, work[0])
             _put_recent(its, left, row, terms)
-        is_any = is_any or not row.is_lost
-    return is_any
 
 
 @kernel
@@ -129,16 +114,11 @@ def _eliminate_steps(
 ) -> bool:
     """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
     system, gradient, out, t = work.system, work.gradient, work.linear, 0
-    for i in range(WIDTH):
-        gradient[i] = 0.0
-        for j in range(WIDTH):
-            system[i, j] = 0.0
+    system[:], gradient[:] = 0.0, 0.0
     _begin_with_past(steps[0], row, work)
     for k in range(len(steps)):
         now, before = steps[k], steps[max(k - 1, 0)]
-        now.cost[0] = now.cost[1] = 0.0
-        for kind in range(len(now.squares)):
-            now.squares[kind] = 0.0
+        now.cost[:2], now.squares[:] = 0.0, 0.0
         now.force_angle = pushing.force_angle(steps, k, row, settings)
         if k > 0:
             step_into_past(system, gradient)
@@ -176,14 +156,10 @@ def _copy(own: Array, out: Records) -> int:
 def _begin_with_past(oldest: Records, row: Records, work: Records) -> None:
     """Write what older steps say about the oldest one in the window and the shared variables."""
     past, system, gradient, change, moved = row.past, work.system, work.gradient, work.change, work.linear.error
-    for start in (0, 3):
-        if start == 0:
-            between(past.g, oldest.g, moved)
-        else:
-            between(past.e, oldest.e, moved)
-        log(moved, moved)
-        for i in range(3):
-            change[start + i] = moved[i]
+    between(past.g, oldest.g, moved)
+    log(moved, change[:3])
+    between(past.e, oldest.e, moved)
+    log(moved, change[3:6])
     for i in range(SHARED_SIZE):
         change[STEP_SIZE + i] = row.shared[i] - past.shared[i]
     for i in range(LAST_SIZE):
@@ -230,8 +206,7 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
                 gradient[i] -= pull * residual
                 for j in range(i, WIDTH):
                     system[i, j] += pull * row[j]
-        for i in range(WIDTH):
-            row[i] = 0.0
+        row[:] = 0.0
         square = out.information[r] * residual**2
         now.squares[kind] += square
         if kind == FIRST_POSE or not out.information[r] > 0.0:  # a belief from before is no evidence
@@ -284,8 +259,7 @@ def _conclude(steps: Records, row: Records, settings: Records, is_new: bool, wor
         for kind in (STICKING, BALANCE):  # sticking has two rows, balance one
             for r in range(of_step(kind, before, now, row, settings, out)):
                 row.errors[LONG - 1, 2 * kind + r] = out.residual[r] ** 2 * out.information[r]
-                for c in range(WIDTH):
-                    out.jacobian[r, c] = 0.0
+                out.jacobian[r] = 0.0
         row.inconsistency = 0.0
         for r in range(3):
             total = 0.0
@@ -300,8 +274,7 @@ def _put_recent(steps: Records, left: int, row: Records, terms: Records) -> None
     """Write the mean squares and costs of the last steps; see `factors.ROW`."""
     for span in range(2):
         recent, first = row.recent[span], len(steps) - (SHORT if span == 0 else LONG)
-        for kind in range(len(recent)):
-            recent[kind] = 0.0
+        recent[:] = 0.0
         if left + first < 0:
             continue
         first = max(first, 0)
@@ -322,40 +295,31 @@ def _put_recent(steps: Records, left: int, row: Records, terms: Records) -> None
 @kernel
 def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
     """Write the covariance of the object: o = e g^-1 moves by Ad_g (d_e - d_g)."""
-    covariance, by_e, pulled, out = work.covariance, work.linear.adjoint, work.change, row.covariance
-    last_covariance(row.last_root, work.inverse, covariance)
+    by_last, by_e = work.by_last, work.linear.adjoint
     adjoint(g, by_e)
-    shift = LAST_SIZE - OBJECT_SIZE - 3  # from places in the result to those in the covariance of the last step
-    for i in range(3 + OBJECT_SIZE):
-        if i < 3:
-            for j in range(LAST_SIZE):
-                pulled[j] = 0.0
-                for k in range(6):
-                    pulled[j] += (by_e[i, k - 3] if k > 2 else -by_e[i, k]) * covariance[k, j]
-        else:
-            for j in range(LAST_SIZE):
-                pulled[j] = covariance[shift + i, j]
-        for j in range(i, 3 + OBJECT_SIZE):
-            total = 0.0 if j < 3 else pulled[shift + j]
-            for k in range(6 if j < 3 else 0):
-                total += pulled[k] * (by_e[j, k - 3] if k > 2 else -by_e[j, k])
-            out[i, j] = out[j, i] = total
+    for i in range(3):
+        for j in range(3):
+            by_last[i, j], by_last[i, 3 + j] = -by_e[i, j], by_e[i, j]
+    for i in range(OBJECT_SIZE):
+        by_last[3 + i, LAST_SIZE - OBJECT_SIZE + i] = 1.0
+    half = by_last @ np.linalg.inv(row.last_root[:, STEP_SIZE:])
+    row.covariance[:] = half @ half.T
 
 
 @compiled
-def begin_step(steps: Records, window: Place, sensor_pose: Array, spread: Array) -> None:
-    """Begin the last step of a window: measured sensor pose (3,) and `STEP.spread` (B,).
+def begin_step(steps: Records, sensor_pose: Array, spread: Array) -> None:
+    """Begin the last of the steps (B, N): measured sensor pose (3,) and `STEP.spread` (B,).
 
     The sensor pose in the object is that of constant motion from the two steps before.
     """
-    first, last, _left = window
+    last = steps.shape[1] - 1
     for b in range(len(steps)):
-        now, before = steps[b, last - 1], steps[b, last - 2]
+        now, before = steps[b, last], steps[b, last - 1]
         for i in range(3):
             now.e[i] = now.measured[i] = sensor_pose[i]
         now.moved = abs(position(now.measured) - position(before.measured))
         now.slide, now.spread = 0.0, spread[b]
         now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
-        between(steps[b, max(last - 3, first)].g, before.g, now.g)
+        between(steps[b, max(last - 2, 0)].g, before.g, now.g)
         ahead = position(before.g) + rotation(before.g[2]) * position(now.g)
         now.g[0], now.g[1], now.g[2] = ahead.real, ahead.imag, wrap(before.g[2] + now.g[2])

@@ -1,21 +1,20 @@
 """Measurements that bring their own residual, for sources that palpate does not know; see `OwnMeasurement`.
 
-A Jacobian that comes with a residual is compared with finite differences once, and replaced by them if it differs.
-A measurement of the object's pose is converted to the poses in the graph: with o = e g^-1, a perturbation d of e
-perturbs o by `Ad_g d`, one of g by `-Ad_g d`.
+A Jacobian that comes with a residual is compared with finite differences once. A measurement of the object's pose is
+converted to the poses in the graph: with o = e g^-1, a perturbation d of e perturbs o by `Ad_g d`, one of g by
+`-Ad_g d`.
 """
 
 import logging
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.checks import without_gradient
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
+from palpate.graph.compiled import Array
 from palpate.graph.variables import (
-    CONTACT_SIZE,
     IN_SHARED,
     LAST_SIZE,
     OBJECT_POSE,
@@ -29,7 +28,6 @@ from palpate.graph.variables import (
 from palpate.types.measurements import Measurement, OwnMeasurement, check_time
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 _LARGEST = 1e12  # [standard deviations]; the square of more could overflow
 _ROWS = 6  # of a measurement, at most
 
@@ -47,10 +45,8 @@ def evaluated(
         for b in range(len(g)):
             if measurement is None:
                 break
-            values = {SENSOR_IN_OBJECT: g[b, step], SENSOR: e[b, step]}
-            values |= {one: shared[b, IN_SHARED[one]] for one in SHARED}
             try:
-                residual, jacobian = linearised(measurement, values)
+                residual, jacobian = linearised(measurement, values_at(g[b, step], e[b, step], shared[b]))
             except EstimationError as error:
                 logger.warning("frame at %.3f s: %s; it is left out", time, error)
                 own[index] = None
@@ -58,6 +54,12 @@ def evaluated(
                 break
             rows[b, index, : len(residual), 0], rows[b, index, : len(residual), 1:] = residual, jacobian
     return rows
+
+
+def values_at(g: Array, e: Array, shared: Array) -> dict[Variable, Array]:
+    """Return the values of all variables at poses g and e (3,) and shared variables (SHARED_SIZE,)."""
+    values = {SENSOR_IN_OBJECT: g, SENSOR: e, OBJECT_POSE: se2.compose(e, se2.inverse(g))}
+    return values | {one: shared[IN_SHARED[one]] for one in SHARED}
 
 
 def is_available_at_rest(measurement: OwnMeasurement, time: float) -> bool:
@@ -87,9 +89,7 @@ def linearised(measurement: OwnMeasurement, values: dict[Variable, Array]) -> tu
 
     Raises EstimationError, naming the measurement, if it returns something else.
     """
-    name, variables = _name(measurement), [named(one) for one in measurement.on]
-    g, e = values[SENSOR_IN_OBJECT], values[SENSOR]
-    values = {**values, OBJECT_POSE: se2.compose(e, se2.inverse(g))}
+    name, variables = type(measurement).__name__, [named(one) for one in measurement.on]
     at = [values[one] for one in variables]
     try:
         residual, jacobian = _returned(measurement, at)
@@ -108,7 +108,7 @@ def linearised(measurement: OwnMeasurement, values: dict[Variable, Array]) -> tu
     ends = np.cumsum([one.dimension for one in variables])
     for variable, part in zip(variables, np.split(jacobian, ends[:-1], axis=1), strict=True):
         if variable == OBJECT_POSE:
-            by_sensor = part @ se2.adjoint(g)
+            by_sensor = part @ se2.adjoint(values[SENSOR_IN_OBJECT])
             by_each[SENSOR] += by_sensor
             by_each[SENSOR_IN_OBJECT] -= by_sensor
         else:
@@ -116,45 +116,20 @@ def linearised(measurement: OwnMeasurement, values: dict[Variable, Array]) -> tu
     return residual, np.concatenate(list(by_each.values()), axis=1)
 
 
-class _Residual(OwnMeasurement):
-    """The residual alone of a measurement whose Jacobian is not the derivative of it."""
+def with_right_jacobians(
+    measurements: Sequence[Measurement], is_right: dict[type, bool], values: dict[Variable, Array], time: float
+) -> list[Measurement]:
+    """Return the measurements without own ones that have a wrong Jacobian; a warning names their class.
 
-    def __init__(self, measurement: OwnMeasurement) -> None:
-        self.measurement = measurement
-        vars(self).update(on=measurement.on, time=measurement.time)
-
-    def residual(self, *at: Array) -> Array:
-        return _returned(self.measurement, at)[0]
-
-
-class CheckedMeasurements:
-    """Own measurements whose Jacobians are compared with finite differences, those of each class once."""
-
-    def __init__(self) -> None:
-        self._is_right: dict[type, bool] = {}
-
-    def of(
-        self, measurements: Sequence[Measurement], pose: Array, values: Array, sensor_pose: Array, time: float
-    ) -> Sequence[Measurement]:
-        """Return measurements, of those with a wrong Jacobian the residual alone; a warning names their class.
-
-        They are compared at the object's pose (3,) and variables (OBJECT_SIZE,), and the sensor's pose (3,).
-        """
-        if not any(isinstance(one, OwnMeasurement) for one in measurements):
-            return measurements
-        shared = np.concatenate([np.zeros(CONTACT_SIZE), values])
-        known = {SENSOR: sensor_pose, SENSOR_IN_OBJECT: se2.between(pose, sensor_pose), OBJECT_POSE: pose}
-        known |= {one: shared[IN_SHARED[one]] for one in SHARED}
-        return [self._one(one, known, time) if isinstance(one, OwnMeasurement) else one for one in measurements]
-
-    def _one(self, measurement: OwnMeasurement, values: dict[Variable, Array], time: float) -> OwnMeasurement:
-        kind = type(measurement)
-        if kind not in self._is_right:
-            wrong = _wrong_derivative(measurement, values)
-            self._is_right[kind] = not wrong
+    Those of each class are compared once, at these values of the variables; `is_right` keeps the results.
+    """
+    for one in measurements:
+        if isinstance(one, OwnMeasurement) and type(one) not in is_right:
+            wrong = _wrong_derivative(one, values)
+            is_right[type(one)] = not wrong
             if wrong:
-                logger.warning("frame at %.3f s: %s; finite differences are used in its place", time, wrong)
-        return measurement if self._is_right[kind] else _Residual(measurement)
+                logger.warning("frame at %.3f s: %s; all of them are left out", time, wrong)
+    return [one for one in measurements if is_right.get(type(one), True)]
 
 
 def _wrong_derivative(measurement: OwnMeasurement, values: dict[Variable, Array]) -> str:
@@ -176,23 +151,17 @@ def _wrong_derivative(measurement: OwnMeasurement, values: dict[Variable, Array]
     if not wrong.any():
         return ""
     row, column = map(int, np.argwhere(wrong)[0])
+    name, found, expected = type(measurement).__name__, jacobian[row, column], both[:, row, column].mean()
     return (
-        f"measurement {_name(measurement)} returns a Jacobian that is not the derivative of its residual: row {row}, "
-        f"column {column} is {jacobian[row, column]:.4g}, and finite differences are {both[:, row, column].mean():.4g}"
+        f"measurement {name} returns a Jacobian that is not the derivative of its residual: row {row}, column {column} "
+        f"is {found:.4g}, and finite differences are {expected:.4g}"
     )
-
-
-def _name(measurement: OwnMeasurement) -> str:
-    return type(measurement.measurement if isinstance(measurement, _Residual) else measurement).__name__
 
 
 def _returned(measurement: OwnMeasurement, at: Sequence[Array]) -> tuple[Array, Array | None]:
     """Return the residual (R,) at values of the variables and its Jacobian, None if the measurement gives none."""
-    if hasattr(measurement, "linearise"):
-        found = measurement.linearise(*at)
-        residual, jacobian = (found, None) if isinstance(found, np.ndarray | float) else found
-    else:
-        residual, jacobian = measurement.residual(*at), None
+    is_alone = not hasattr(measurement, "linearise")
+    residual, jacobian = (measurement.residual(*at), None) if is_alone else measurement.linearise(*at)
     residual = np.atleast_1d(np.asarray(without_gradient(residual), np.float64))
     if jacobian is not None:
         jacobian = np.atleast_2d(np.asarray(without_gradient(jacobian), np.float64))

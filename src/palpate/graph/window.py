@@ -19,6 +19,7 @@ from palpate.config import Priors
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
+from palpate.graph.compiled import Array, Flags
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import (
     OWN,
@@ -30,13 +31,10 @@ from palpate.graph.factors import (
     WORK,
     terms_of,
 )
-from palpate.graph.gauss_newton import Model, Place, begin_step, improve
+from palpate.graph.gauss_newton import begin_step, improve
 from palpate.graph.own_measurements import evaluated
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
 from palpate.types.measurements import Measurement, OwnMeasurement
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _ITERATIONS = 4
 _REMEMBERED = 1000  # steps that left the window whose costs are kept
@@ -67,15 +65,17 @@ class Window:
         self._model, self._lag, drift, work = model, lag, np.zeros(LAST_SIZE), np.zeros(1, WORK)
         if priors is not None:
             drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes[1]
-        self._given = Model(factors, drift, model.surface, work)
-        self._steps, self._rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
-        self._first, self._left = 0, 0  # place of the oldest step of the window in `_steps`; steps that have left it
+        self._given = factors, drift, model.surface, work
+        self._steps, rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
+        self.rows: NDArray[np.void] = rows
+        """State of each hypothesis, `factors.ROW` (B,)."""
+        self._left = 0  # number of steps that have left the window
         self._left_costs = np.empty((len(belief), 0, 3))  # of steps that left the window
         self._terms, self._has_turn = np.empty((0, TERM_SIZE)), False
         self._own: list[OwnMeasurement | None] = []  # in the order of their terms
         self._times = [time]
         self._join(*terms_of(measurements, from_touch, self._times, 0))
-        self._solve(np.ones(self.rows, np.bool_), is_alone=True)
+        self._solve(np.ones(len(self.rows), np.bool_), is_alone=True)
 
     def add(
         self,
@@ -93,21 +93,21 @@ class Window:
         times, leaving = [*self._times, time], None
         terms, own = terms_of(measurements, from_touch, times, self._left + len(self._times))  # may raise
         if len(self._times) == self._lag:
-            leaving, times = self._window["object"][:, 0].copy(), times[1:]
+            leaving, times = self._steps["object"][:, 0].copy(), times[1:]
             self._marginalise()
         self._times = times
-        if self._first + len(times) > self._steps.shape[1]:
-            self._make_room()
-        spread = np.zeros(self.rows) if spread is None else spread
-        begin_step(self._steps, self._place, sensor_pose, spread)
+        begun = np.zeros((len(self.rows), 1), STEP)
+        self._steps = np.concatenate([_raw(self._steps), _raw(begun)], axis=1).view(STEP)
+        spread = np.zeros(len(self.rows)) if spread is None else spread
+        begin_step(self._steps, sensor_pose, spread)
         self._join(terms, own)
-        self._solve(np.ones(self.rows, np.bool_), is_alone=False)
+        self._solve(np.ones(len(self.rows), np.bool_), is_alone=False)
         return leaving
 
     def take(self, rows: Indices) -> None:
         """Keep these rows, in this order; a row may be taken several times."""
-        self._steps, self._first = _raw(self._window)[rows].view(STEP), 0
-        self._rows, self._left_costs = _raw(self._rows)[rows].view(ROW), self._left_costs[rows]
+        self._steps = _raw(self._steps)[rows].view(STEP)
+        self.rows, self._left_costs = _raw(self.rows)[rows].view(ROW), self._left_costs[rows]
 
     def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
         """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
@@ -116,50 +116,30 @@ class Window:
         outline, and `spread` its standard deviation, both [m].
         """
         first, last = max(len(self._times) - steps, 1), len(self._times)
-        count, changing = max(last - first, 1), np.zeros(self.rows, np.bool_)
+        count, changing = max(last - first, 1), np.zeros(len(self.rows), np.bool_)
         changing[rows] = True
-        length, disturbed = slide[:, None] / count, self._window[rows, first:]
+        length, disturbed = slide[:, None] / count, self._steps[rows, first:]
         disturbed["slide"], disturbed["spread"] = length, spread / math.sqrt(count)
         disturbed["cost"][..., 2] = 1.0
         # Seen from the object, the sensor moves the other way.
         back = -length * np.arange(1.0, last - first + 1)
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
-        self._window[rows, first:] = disturbed
-        self._rows["errors"][rows] = self._rows["inconsistency"][rows] = 0.0
+        self._steps[rows, first:] = disturbed
+        self.rows["errors"][rows] = self.rows["inconsistency"][rows] = 0.0
         self._solve(changing, is_alone=True)
-
-    @property
-    def rows(self) -> int:
-        """Number of hypotheses."""
-        return len(self._rows)
-
-    @property
-    def is_lost(self) -> Flags:
-        """True where the graph has no solution (B,)."""
-        return self._rows["is_lost"]
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
-        pose, values = self._window["object"][:, -1], self._rows["shared"][:, CONTACT_SIZE:]
-        return Belief(pose.copy(), values.copy(), self._rows["covariance"].copy())
+        pose, values = self._steps["object"][:, -1], self.rows["shared"][:, CONTACT_SIZE:]
+        return Belief(pose.copy(), values.copy(), self.rows["covariance"].copy())
 
     def last(self, row: int) -> np.void:
         """Return the last step of a row; see `factors.STEP`."""
-        return self._steps[row, self._first + len(self._times) - 1]
+        return self._steps[row, -1]
 
     def object_path(self) -> Array:
         """Return the object poses of all steps in the window, (B, N, 3)."""
-        return self._window["object"].copy()
-
-    @property
-    def recent(self) -> Array:
-        """Mean squares of all factors in the last steps, (B, 2, len(NAMES) + 1); see `factors.ROW`."""
-        return self._rows["recent"]
-
-    @property
-    def inconsistency(self) -> Array:
-        """Mean square of the worst error of pushing in the last undisturbed steps, (B,) [variances]."""
-        return self._rows["inconsistency"]
+        return self._steps["object"].copy()
 
     def costs(self) -> Array:
         """Return the cost of each of the last steps (B, N, 3): minus its log likelihood, except for a constant.
@@ -168,28 +148,12 @@ class Window:
         the sensor moves the object, and the third is 1 where the second does not count. At most a thousand steps that
         left the window are included.
         """
-        return np.concatenate([self._left_costs, self._window["cost"]], axis=1)
+        return np.concatenate([self._left_costs, self._steps["cost"]], axis=1)
 
     def count_all_costs(self, rows: Flags) -> None:
         """Count the costs of pushing in all steps so far of some rows (B,)."""
         self._left_costs[rows, :, 2] = 0.0
-        self._window["cost"][rows, :, 2] = 0.0
-
-    @property
-    def _place(self) -> Place:
-        """Place of the window in `_steps`."""
-        return self._first, self._first + len(self._times), self._left
-
-    @property
-    def _window(self) -> NDArray[np.void]:
-        """The steps of the window, (B, N)."""
-        return self._steps[:, self._first : self._first + len(self._times)]
-
-    def _make_room(self) -> None:
-        """Make room for as many steps again as are in the window."""
-        old, self._first = self._window, 0
-        self._steps = np.zeros((self.rows, 2 * old.shape[1]), STEP)
-        _raw(self._steps)[:, : old.shape[1]] = _raw(old)
+        self._steps["cost"][rows, :, 2] = 0.0
 
     def _join(self, arrived: Array, own: list[OwnMeasurement | None]) -> None:
         """Take the terms that arrive with the last step."""
@@ -208,35 +172,35 @@ class Window:
         if not self._has_turn and (turns := arrived[arrived[:, 1] == TURN]).size:
             # Far from the true offset, the robust kernel would leave a turn hardly any weight.
             self._has_turn, first = True, turns[0].view(TERM)[0]
-            angle = first["value"] * (self._rows["sign"] if first["from_touch"] else 1.0)
-            offset = se2.wrap(self._window["g"][:, -1, 2] - angle)
-            self._rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
+            angle = first["value"] * (self.rows["sign"] if first["from_touch"] else 1.0)
+            offset = se2.wrap(self._steps["g"][:, -1, 2] - angle)
+            self.rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
 
     def _solve(self, changing: Flags, is_alone: bool) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,); see `improve`.
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
-        terms, own, iterations, is_any = self._terms.view(TERM)[:, 0], np.empty((self.rows, 0, 0, 0)), _ITERATIONS, True
+        terms, own, iterations = self._terms.view(TERM)[:, 0], np.empty((len(self.rows), 0, 0, 0)), _ITERATIONS
         for call in range(_ITERATIONS if self._own else 1):
             if self._own:
-                steps = self._window
+                steps = self._steps
                 own_steps = [int(step) - self._left for step in self._terms[self._terms[:, 1] == OWN, 0]]
-                own = evaluated(self._own, own_steps, steps["g"], steps["e"], self._rows["shared"], self._times[-1])
+                own = evaluated(self._own, own_steps, steps["g"], steps["e"], self.rows["shared"], self._times[-1])
                 iterations = 1
-            is_any = improve(
-                self._steps, self._place, self._rows, terms, own, self._given, changing, is_alone, iterations, call == 0
+            improve(
+                self._steps, self._left, self.rows, terms, own, self._given, changing, is_alone, iterations, call == 0
             )
             if not changing.any():
                 break
-        if not is_any:
+        if self.rows["is_lost"].all():
             raise EstimationError("the linear system of the window is indeterminate")
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the next one and the shared variables."""
-        self._left_costs = np.concatenate([self._left_costs, self._window["cost"][:, :1]], axis=1)[:, -_REMEMBERED:]
-        self._rows["past"] = self._rows["next_past"]
-        self._first, self._left = self._first + 1, self._left + 1
+        self._left_costs = np.concatenate([self._left_costs, self._steps["cost"][:, :1]], axis=1)[:, -_REMEMBERED:]
+        self.rows["past"] = self.rows["next_past"]
+        self._steps, self._left = self._steps[:, 1:], self._left + 1
         self._terms = self._terms[np.searchsorted(self._terms[:, 0], self._left) :]
 
 

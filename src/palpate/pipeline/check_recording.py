@@ -10,7 +10,6 @@ from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
 from palpate.geometry.shapes import wrong_width
 from palpate.pipeline.truth import flag_runs
-from palpate.stream_monitor import too_often
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
@@ -62,8 +61,6 @@ def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
             question = other_time_unit(1.0 / rate, wanted)
             words = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz"
             yield ("rate", 0, -1, f"{words}{question and ': '}{question}")
-        if sentence := too_often(rate):
-            yield ("rate", 0, -1, sentence)
     if wrong := wrong_width(recording.shape):
         yield ("unit", 0, -1, wrong)
     for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):

@@ -117,7 +117,7 @@ class OwnMeasurement(Measurement):
 
     A pose has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. When a
     tracker first gets a measurement of a class, its Jacobian is compared with finite differences. If it differs, a
-    warning names the class, and differences are used in its place.
+    warning names the class, and its measurements are left out.
     """
 
 

@@ -1,6 +1,7 @@
 """The paper's system: pairs, networks and graph by hand, and the command."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def test_the_linear_network_recovers_weights_by_class():
 
 
 def test_residuals_by_hand():
-    model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
+    model = Model(replace(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01)), friction_radius=0.05))
     # The tip touches the left side of the resting object head on, 2 mm deep; then both move by 1 mm along x.
     g = np.array([-0.1 + 0.002, 0.0, 0.0])
     assert model.contact_residual(g[None]) == pytest.approx(-0.002, abs=1e-6)
@@ -47,7 +48,7 @@ def test_residuals_by_hand():
 
 
 def test_the_oracle_keeps_the_yaw_of_a_push():
-    model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
+    model = Model(replace(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01)), friction_radius=0.05))
     count = 40
     e = np.column_stack([np.linspace(0.0, 0.04, count), np.zeros(count), np.zeros(count)])
     g = np.array([-0.1, 0.0, 0.0])
@@ -61,7 +62,7 @@ def test_the_oracle_keeps_the_yaw_of_a_push():
 
 def test_deviations_of_factors_follow_from_errors_that_last():
     # A tip that touches a resting object from -x, 1 mm deep, slides along its side by 0.1 mm a step.
-    model = Model(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01), 0.05))
+    model = Model(replace(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01)), friction_radius=0.05))
     e = np.column_stack([np.full(26, -0.1 + 0.001), np.linspace(0.0, 2.5e-3, 26), np.zeros(26)])
     found = physical_errors(model, np.zeros((26, 3)), e, np.zeros(26, int))
     np.testing.assert_allclose(found, [[0.0, -1e-4 * 25 / 5, 0.0, -0.001 * 25 / 5]], atol=1e-6)
