@@ -57,6 +57,11 @@ def statuses(estimates: list[Estimate]) -> list[str]:
     return [estimate.status for estimate in estimates]
 
 
+def same(found: list[Estimate], wanted: list[Estimate]) -> None:
+    """Fail unless all values of estimates are equal, NaN being equal to NaN."""
+    np.testing.assert_equal(list(map(dataclasses.asdict, found)), list(map(dataclasses.asdict, wanted)))
+
+
 def yaw_deviations(estimates: list[Estimate]) -> Array:
     return np.sqrt([estimate.covariance[2, 2] for estimate in estimates])
 

@@ -9,7 +9,6 @@ from palpate.errors import FileError, one_line
 
 # The kinds of NumPy types a field may have, and their name in an error.
 NUMBERS = ("fiu", "numbers")
-INTEGERS = ("iu", "integers")
 FLAGS = ("b", "booleans")
 
 FARTHEST = 1e6  # [m] a position or a length beyond this is damage: the planet is not much larger
@@ -59,12 +58,22 @@ def check_rows(name: str, values: NDArray[Any], good: np.bool_ | NDArray[np.bool
         raise FileError(f"{name}: frame {index} is {values[index].tolist()}, allowed is {allowed}")
 
 
-def checked_times(time: Any, of: str) -> NDArray[np.float64]:
-    """Return times as floats (N,) [s], one or more, strictly increasing. Raises FileError."""
+def checked_times(time: Any) -> NDArray[np.float64]:
+    """Return times as floats (N,) [s], one or more, finite and strictly increasing. Raises FileError."""
     given = checked_array("time", time, NUMBERS, ("N",)).astype(np.float64)
     if not len(given):
-        raise FileError(f"time: found no times, {of} needs at least one")
-    check_increasing(given)
+        raise FileError("time: found no times, expected one or more")
+    check_rows("time", given, np.isfinite(given), "a finite number")
+    if (np.diff(given) <= 0).any():
+        index = int(np.argmax(np.diff(given) <= 0)) + 1
+        verb = "repeats" if given[index] == given[index - 1] else "runs backwards at"
+        raise FileError(
+            f"time: frame {index} {verb} {given[index]:.17g} s after {given[index - 1]:.17g} s, "
+            "allowed are strictly increasing times"
+        )
+    # Not by a difference, which may overflow.
+    if given[-1] > given[0] + LONGEST:
+        raise FileError(f"time: runs from {given[0]:.17g} to {given[-1]:.17g} s, allowed are {LONGEST:g} s at most")
     return given
 
 
@@ -76,21 +85,6 @@ def checked_poses(name: str, poses: Any, n: int, may_be_unknown: bool = False) -
         good, allowed = good | np.isnan(given).all(axis=1), f"{allowed}, or three NaN"
     check_rows(name, given, good, allowed)
     return given
-
-
-def check_increasing(time: NDArray[np.float64]) -> None:
-    """Raise FileError unless times (N,) [s] are finite and strictly increasing."""
-    check_rows("time", time, np.isfinite(time), "a finite number")
-    if (np.diff(time) <= 0).any():
-        index = int(np.argmax(np.diff(time) <= 0)) + 1
-        verb = "repeats" if time[index] == time[index - 1] else "runs backwards at"
-        raise FileError(
-            f"time: frame {index} {verb} {time[index]:.17g} s after {time[index - 1]:.17g} s, "
-            "allowed are strictly increasing times"
-        )
-    # Not by a difference, which may overflow.
-    if len(time) and time[-1] > time[0] + LONGEST:
-        raise FileError(f"time: runs from {time[0]:.17g} to {time[-1]:.17g} s, allowed are {LONGEST:g} s at most")
 
 
 def is_near(values: NDArray[Any]) -> NDArray[np.bool_]:

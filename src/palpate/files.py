@@ -8,11 +8,10 @@ import math
 import os
 import re
 import shutil
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -71,54 +70,17 @@ def whole_folder(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder that takes the place of `folder` on success and is removed on any failure."""
     if not folder.name:
         raise FileError(f"{folder}: is not the name of a new folder")
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be written ({error})") from error
-    new, old = temporary / "new", temporary / "old"
-    try:
-        new.mkdir()
-        yield new
+        part.mkdir(parents=True)
+        yield part
         if folder.exists():
-            folder.rename(old)
-        new.rename(folder)
+            shutil.rmtree(folder)
+        part.rename(folder)
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     finally:
-        if old.exists() and not folder.exists():
-            old.rename(folder)
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-@contextmanager
-def held_folder(folder: Path, file: str = "") -> Iterator[None]:
-    """Keep others from writing into a folder, or a file in it, while the block runs. Raises FileError.
-
-    The folder is made where it is missing, and removed if it stays empty.
-    """
-    from filelock import FileLock, Timeout
-
-    lock = folder / f".{file or 'folder'}.lock"
-    held = FileLock(lock, timeout=0)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        held.acquire()
-    except Timeout as error:
-        where = folder / file
-        raise FileError(f"{where}: another process is writing it; wait until it ends, or name another") from error
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be written ({error})") from error
-    try:
-        for unfinished in () if file else folder.glob("**/.*.part"):  # of killed processes
-            unfinished.unlink(missing_ok=True)
-        yield
-    finally:
-        lock.unlink(missing_ok=True)
-        held.release()
-        if not file:
-            with suppress(OSError):
-                folder.rmdir()
+        shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager
@@ -155,14 +117,12 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
     return text
 
 
-def text_start(path: Path, length: int = 4096) -> str:
-    """Return the start of a text file, gzipped or plain; "" if it is anything else."""
+def text_start(path: Path) -> str:
+    """Return the first 4096 bytes of a text file, gzipped or plain; "" if it cannot be read."""
     try:
-        text = _unpacked(path, length).decode("utf-8-sig", errors="replace")
+        return _unpacked(path, 4096).decode("utf-8-sig", errors="replace")
     except (OSError, EOFError, zlib.error):
         return ""
-    # The cut may go through a character: its rest does not matter.
-    return "" if "\x00" in text or "\ufffd" in text[:-4] else text
 
 
 def numbers_of(words: Iterable[str]) -> list[float] | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST, without_gradient
+from palpate.checks import FARTHEST
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import PoseMonitor, StreamQuality
@@ -190,7 +190,6 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
 
 def _planar(when: str, pose: Any) -> NDArray[np.float64] | None:
     """Return a pose in the plane, or one in space (7,) or (4, 4) as one; None if it is neither."""
-    pose = without_gradient(pose)
     found = finite_numbers(pose, (3,))
     if found is not None or all(finite_numbers(pose, shape) is None for shape in ((7,), (4, 4))):
         return found

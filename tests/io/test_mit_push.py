@@ -108,7 +108,7 @@ def test_mit_tip_that_stands_still_points_along_x(tmp_path):
         (lambda d: d["timeJSON"].__setitem__(3, float("nan")), "timeJSON: frame 3 is nan"),
         (lambda d: d["timeJSON"].__setitem__(3, "x"), "timeJSON: found text, expected numbers"),
         (lambda d: d["q_pusher_sensedJSON"][0].__setitem__(7, float("inf")), "q_pusher_sensedJSON: frame 7 is"),
-        (lambda d: d.update(timeJSON=[], q_sliderJSON=[[]] * 3, q_pusher_sensedJSON=[[]] * 2), "no frames"),
+        (lambda d: d.update(timeJSON=[], q_sliderJSON=[[]] * 3, q_pusher_sensedJSON=[[]] * 2), "no times"),
     ],
 )
 def test_mit_bad_content(tmp_path, edit, message):

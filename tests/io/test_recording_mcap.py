@@ -33,7 +33,6 @@ def recording(n: int = 12, **changes: Any) -> Recording:
         "object_pose": truth,
         "contact": np.arange(n) > 1,
         "image": images(n),
-        "contact_derived": True,
         "source": "a test, with ünicode",
         "first_pose": [0.1, -0.2, 3.0],
         "first_pose_sigma": [0.01, 0.02, 0.3],
@@ -43,7 +42,7 @@ def recording(n: int = 12, **changes: Any) -> Recording:
     return Recording(**(fields | changes))
 
 
-BARE: dict[str, Any] = dict.fromkeys((*ARRAYS[2:], "image")) | {"extra": {}, "contact_derived": False}
+BARE: dict[str, Any] = dict.fromkeys((*ARRAYS[2:], "image")) | {"extra": {}}
 
 
 def same(found: Recording, wanted: Recording, count: int | None = None) -> None:

@@ -15,6 +15,7 @@ from tracker_samples import (
     nees,
     poses,
     rotation_errors,
+    same,
     settings,
     statuses,
     track,
@@ -169,7 +170,7 @@ def test_a_copy_goes_on_as_the_tracker_does(copied):
         tracker.update(frame)
     twin = copied(tracker)
     wanted = [tracker.update(frame) for frame in seen[30:]]
-    assert [twin.update(frame) for frame in seen[30:]] == wanted
+    same([twin.update(frame) for frame in seen[30:]], wanted)
 
 
 def test_a_tracker_that_cannot_be_copied_says_why():

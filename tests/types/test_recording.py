@@ -1,4 +1,4 @@
-"""Recordings and trajectories: frames, and fields that are refused."""
+"""Recordings: frames, and fields that are refused."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recording_samples import encoded, pushed, tiny_images, tiny_recording
 
-from palpate import DIGIT, POINT, Disc, FileError, Frame, Recording, SettingError, Trajectory
+from palpate import DIGIT, POINT, Disc, FileError, Frame, Recording, SettingError
 
 
 def test_frames_come_out_as_they_went_in():
@@ -41,7 +41,7 @@ def test_colours_keep_their_order():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"time": np.zeros((0,))}, "time: found no times, a recording needs at least one"),
+        ({"time": np.zeros((0,))}, "time: found no times"),
         ({"time": np.zeros((5, 1))}, r"time: found shape \(5, 1\), expected \(N,\)"),
         ({"time": np.array([0, 1, 1, 2, 3.0])}, "time: frame 2 repeats 1 s after 1 s"),
         ({"time": np.array([0, 1, 0.5, 2, 3])}, "time: frame 2 runs backwards at 0.5 s after 1 s"),
@@ -52,8 +52,8 @@ def test_colours_keep_their_order():
         ({"sensor_pose": np.full((5, 3), np.inf)}, r"sensor_pose: frame 0 is \[inf, inf, inf\]"),
         ({"object_pose": np.tile([0, np.nan, 0], (5, 1))}, r"frame 0 is \[0.0, nan, 0.0\], allowed is three"),
         ({"contact": np.zeros(5)}, "contact: found values of type float64, expected booleans"),
-        ({"image": tiny_images(5)}, r"image 0 is an array of shape \(12, 8, 3\).*Recording.from_arrays encodes"),
-        ({"image": ("x.png",) * 5}, "image 0 is str, expected encoded bytes"),
+        ({"image": tiny_images(5)}, r"image 0 is of type ndarray.*Recording.from_arrays encodes"),
+        ({"image": ("x.png",) * 5}, "image 0 is of type str, expected encoded bytes"),
         ({"image": (b"",) * 4}, "image: found 4 images for 5 times"),
         ({"first_pose": np.zeros((5, 3))}, r"first_pose: found shape \(5, 3\), expected \(3,\)"),
         ({"first_pose": [0.0, np.nan, 0.0]}, r"first_pose: frame 0 is \[0.0, nan, 0.0\], allowed is three numbers"),
@@ -91,27 +91,3 @@ def test_a_sensor_may_be_named():
     assert replace(recording, sensor="digit").sensor == DIGIT
     with pytest.raises(SettingError, match="sensor is 'finger'; allowed are digit"):
         replace(recording, sensor="finger")
-
-
-def test_fields_of_a_trajectory_are_settled():
-    made = Trajectory([0, 1], [[0, 0, 0], [1, 2, 3]], status=["a", "b"])  # type: ignore[arg-type]
-    assert len(made) == 2
-    assert made.time.dtype == made.pose.dtype == np.float64
-    assert made.status == ("a", "b")
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"time": np.zeros(0), "pose": np.zeros((0, 3))}, "time: found no times"),
-        ({"pose": np.zeros((3, 3))}, r"pose: found shape \(3, 3\), expected \(2, 3\)"),
-        ({"pose": np.full((2, 3), np.nan)}, r"pose: frame 0 is \[nan, nan, nan\]"),
-        ({"covariance": np.zeros((2, 3))}, r"covariance: found shape \(2, 3\), expected \(2, 3, 3\)"),
-        ({"contact": np.zeros(2)}, "contact: found values of type float64"),
-        ({"status": ("a",)}, "status: found 1 words for 2 times"),
-    ],
-)
-def test_fields_of_a_trajectory_that_do_not_fit_are_refused(changes, message):
-    fields = {"time": np.array([0.0, 1.0]), "pose": np.zeros((2, 3))}
-    with pytest.raises(FileError, match=message):
-        Trajectory(**(fields | changes))

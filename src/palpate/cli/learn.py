@@ -100,7 +100,7 @@ def tune(
         workers: Processes that share the work.
     """
     from palpate.config import TrackerSettings, noise_of, write_noise
-    from palpate.files import held_folder, new_file
+    from palpate.files import new_file
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.tune.recorded_touch import record_touch_of_files
     from palpate.lab.tune.tuning import check_evaluations, is_held_out
@@ -112,35 +112,35 @@ def tune(
     model, unit = touch.load(touch.tactile)
     if out.exists() and not (Path(start).exists() and out.samefile(start)):
         raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
-    with held_folder(new_file(out, overwrite=True).parent, out.name):
-        files = find_recordings(folder)
-        with progress_bar("reading touch", len(files)) as progress:
-            recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit)
-        for error in left_out.values():
-            complain(f"left out: {error}")
-        about = {
-            "tactile": touch.tactile,
-            "start": start,
-            "recordings": [name for index, name in enumerate(recorded) if not is_held_out(index)],
-            "held_out": [name for index, name in enumerate(recorded) if is_held_out(index)],
+    new_file(out, overwrite=True)
+    files = find_recordings(folder)
+    with progress_bar("reading touch", len(files)) as progress:
+        recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit)
+    for error in left_out.values():
+        complain(f"left out: {error}")
+    about = {
+        "tactile": touch.tactile,
+        "start": start,
+        "recordings": [name for index, name in enumerate(recorded) if not is_held_out(index)],
+        "held_out": [name for index, name in enumerate(recorded) if is_held_out(index)],
+    }
+
+    def keep(tuning: "Tuning") -> dict[str, Any]:
+        """Write the settings of a tuning, and return what is said of it."""
+        show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
+        names = ("before", "after", "held_out_before", "held_out_after")
+        judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
+        found = about | {
+            "evaluations": tuning.evaluations,
+            "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
+            **{name: one and asdict(one) for name, one in zip(names, judged, strict=True)},
         }
+        write_noise(tuning.settings.noise, out, found, overwrite=True)
+        return found
 
-        def keep(tuning: "Tuning") -> dict[str, Any]:
-            """Write the settings of a tuning, and return what is said of it."""
-            show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
-            names = ("before", "after", "held_out_before", "held_out_after")
-            judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
-            found = about | {
-                "evaluations": tuning.evaluations,
-                "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
-                **{name: one and asdict(one) for name, one in zip(names, judged, strict=True)},
-            }
-            write_noise(tuning.settings.noise, out, found, overwrite=True)
-            return found
-
-        with progress_bar("tuning", evaluations) as show:
-            tuning = tune_settings(list(recorded.values()), settings, evaluations, workers, keep)
-            tuned = keep(tuning)
+    with progress_bar("tuning", evaluations) as show:
+        tuning = tune_settings(list(recorded.values()), settings, evaluations, workers, keep)
+        tuned = keep(tuning)
     noise = {"noise": asdict(tuning.settings.noise), "left_out": left_out} if json else {}
     report(json, "tuning", {"out": str(out), **noise, **tuned, "wall_s": time.perf_counter() - begin})
     return 3 if left_out else 0

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import check_increasing
+from palpate.checks import checked_times
 from palpate.errors import FileError
 from palpate.files import in_file, numbers_of, read_text, text_start
 from palpate.geometry import se2
@@ -59,8 +59,7 @@ def read_cmu_log(path: Path) -> Recording:
         raise FileError(f"{path}: found a single row, and the first row of a log is not valid")
     with in_file(path):
         rows = rows[np.append(True, rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1])]
-        check_increasing(rows[:, 0])
-        time = rows[:, 0] - rows[0, 0]
+        time = checked_times(rows[:, 0]) - rows[0, 0]
         metres = np.array([1e-3, 1e-3, 1.0])
         sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
         seen = rows[:, 1:4] * metres

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST, NUMBERS, check_increasing, check_rows, checked_array, is_near
+from palpate.checks import FARTHEST, NUMBERS, check_rows, checked_array, checked_times, is_near
 from palpate.errors import FileError
 from palpate.files import in_file, read_json, text_start
 from palpate.geometry import se2
@@ -45,15 +45,12 @@ def _recording(data: dict[str, Any], path: Path) -> Recording:
     time = checked_array(KEYS[0], data[KEYS[0]], NUMBERS, ("N",)).astype(np.float64)
     pose = checked_array(KEYS[1], data[KEYS[1]], NUMBERS, (3, len(time))).T.astype(np.float64)
     center = checked_array(KEYS[2], data[KEYS[2]], NUMBERS, (2, len(time))).T.astype(np.float64)
-    if not len(time):
-        raise FileError("timeJSON: found no frames")
     check_rows(KEYS[0], time, np.isfinite(time), "a finite time [s]")
     check_rows(KEYS[2], center, is_near(center).all(axis=1), f"a position [m] up to {FARTHEST:g}")
 
     # The clock sometimes repeats or steps back; only samples that are later than all before them count.
-    later = np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])
-    check_increasing(time[later])
-    time, pose, center = time[later] - time[0], pose[later], center[later]
+    later = time > np.append(-np.inf, np.maximum.accumulate(time)[:-1])
+    time, pose, center = checked_times(time[later]) - time[0], pose[later], center[later]
     x, y = center[-1] - center[0]
     heading = np.arctan2(y, x) if np.hypot(x, y) >= 0.01 else 0.0
     center_pose = np.column_stack([center, np.full(len(center), heading)])

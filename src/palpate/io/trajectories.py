@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.checks import checked_times
 from palpate.errors import FileError
 from palpate.files import in_file, numbers_of, read_table, whole_file
 from palpate.types.estimate import Trajectory
@@ -55,4 +56,4 @@ def read_estimates_csv(path: Path) -> Trajectory:
     covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = table[:, 4:10]
     with in_file(path):
         status, reason = zip(*(line[11:] for _, line in lines), strict=True)
-        return Trajectory(table[:, 0], table[:, 1:4], covariance, table[:, 10] == 1, status, reason)
+        return Trajectory(checked_times(table[:, 0]), table[:, 1:4], covariance, table[:, 10] == 1, status, reason)

@@ -6,12 +6,13 @@ import signal
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, TypeVar
 
-from palpate.errors import SettingError
+from palpate.errors import FileError, SettingError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -29,6 +30,31 @@ def spread(
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
     return _in_processes(function, items, workers) if dask is None else _on_cluster(function, iter(items), dask)
+
+
+@contextmanager
+def held_folder(folder: Path) -> Iterator[None]:
+    """Keep others from writing into a folder while the block runs; it is made where it is missing. Raises FileError."""
+    from filelock import FileLock, Timeout
+
+    lock = folder / ".folder.lock"
+    held = FileLock(lock, timeout=0)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held.acquire()
+    except Timeout as error:
+        raise FileError(f"{folder}: another process is writing it; wait until it ends, or name another") from error
+    except OSError as error:
+        raise FileError(f"{folder}: cannot be written ({error})") from error
+    try:
+        for unfinished in folder.glob("**/.*.part"):  # of killed processes
+            unfinished.unlink(missing_ok=True)
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        held.release()
+        with suppress(OSError):  # unless it stayed empty
+            folder.rmdir()
 
 
 @contextmanager

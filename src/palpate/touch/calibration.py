@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FLAGS, INTEGERS, NUMBERS, checked_array
+from palpate.checks import FLAGS, NUMBERS, checked_array
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, read_arrays, whole_file
 from palpate.touch.background import Background
@@ -139,7 +139,7 @@ def load_calibration(path: Path | str) -> Calibration:
     path = existing_file(path)
     arrays = read_arrays(path)
     try:
-        version = int(checked_array("version", arrays["version"], INTEGERS, ()))
+        version = int(checked_array("version", arrays["version"], NUMBERS, ()))
         if version != VERSION:
             raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
         mean = _levels("mean", arrays["mean"], ("N", "N", 3))

@@ -2,13 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from palpate.checks import FLAGS, NUMBERS, check_rows, checked_array, checked_poses, checked_times
-from palpate.errors import FileError
 
 Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
@@ -26,51 +23,8 @@ REASONS: dict[Status, str] = {
 """Reason of each status, for an estimate that has no closer one."""
 
 
-class RosPose(NamedTuple):
-    """A pose in space as ROS messages have it. ROS need not be installed."""
-
-    position: Array
-    """x, y, z (3,) [m]."""
-    orientation: Array
-    """Quaternion x, y, z, w (4,)."""
-    covariance: Array
-    """(36,), row by row: about the axes of the header's frame, order x, y, z [m], turns about x, y, z [rad]."""
-
-
-class _PlanarPose:
-    """A pose in the plane with its covariance; equal to another if all values are, NaN being equal to NaN."""
-
-    pose: Array
-    covariance: Array
-
-    def to_ros(self) -> RosPose:
-        """Return the pose in the plane z = 0 of the world, with its covariance about the world's axes as ROS has it.
-
-        Directions out of the plane, z and the turns about x and y, have variances of 0.
-        """
-        from palpate.types.space import flat, out_of_plane, spatial_covariance
-
-        plane = flat()
-        (position,), (orientation,) = out_of_plane(plane, self.pose[None])
-        spatial = spatial_covariance(plane, self.pose[None], self.covariance[None])
-        return RosPose(position, orientation, spatial.reshape(36))
-
-    def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and all(map(_are_same, vars(self).values(), vars(other).values()))
-
-    __hash__ = None  # pyright: ignore[reportAssignmentType]  # arrays may be changed
-
-
-def _are_same(one: Any, other: Any) -> bool:
-    if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(_are_same, one, other))
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        return type(one) is type(other) and np.array_equal(one, other, equal_nan=True)
-    return bool(one == other or (one != one and other != other))
-
-
 @dataclass(frozen=True, eq=False)
-class Answer(_PlanarPose):
+class Answer:
     """One of several poses that the object may have while touch cannot decide between them."""
 
     pose: Array
@@ -86,7 +40,7 @@ Answers = tuple[tuple[Answer, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate(_PlanarPose):
+class Estimate:
     """The object's pose at one frame, with its uncertainty and status."""
 
     time: float
@@ -119,7 +73,7 @@ class Estimate(_PlanarPose):
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """N poses of one object, estimated by palpate or another program; raises FileError on fields that do not fit."""
+    """N poses of one object."""
 
     time: Array
     """(N,) [s], strictly increasing."""
@@ -133,22 +87,6 @@ class Trajectory:
     """(N,) status of each estimate."""
     reason: tuple[str, ...] | None = None
     """(N,) reason of each status, empty if there is none."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "time", checked_times(self.time, "a trajectory"))
-        n = len(self.time)
-        object.__setattr__(self, "pose", checked_poses("pose", self.pose, n))
-        if self.covariance is not None:
-            covariance = checked_array("covariance", self.covariance, NUMBERS, (n, 3, 3)).astype(np.float64)
-            check_rows("covariance", covariance, np.isfinite(covariance).all(axis=(1, 2)), "finite numbers")
-            object.__setattr__(self, "covariance", covariance)
-        if self.contact is not None:
-            object.__setattr__(self, "contact", checked_array("contact", self.contact, FLAGS, (n,)))
-        for name in ("status", "reason"):
-            if (words := getattr(self, name)) is not None:
-                object.__setattr__(self, name, tuple(words))
-                if len(words) != n:
-                    raise FileError(f"{name}: found {len(words)} words for {n} times, expected one for each")
 
     def __len__(self) -> int:
         return len(self.time)

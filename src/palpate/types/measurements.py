@@ -149,7 +149,7 @@ def check_time(what: str, time: object) -> None:
 def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
     """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
     try:
-        array = np.asarray(without_gradient(given))
+        array = given if isinstance(given, np.ndarray) else np.asarray(without_gradient(given))
         if array.dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
             return None
         numbers = np.array(array, dtype=np.float64)

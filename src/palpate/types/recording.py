@@ -53,10 +53,10 @@ class Recording:
     """(N,) true while the sensor touches the object; None where only images show it"""
     image: Sequence[bytes] | None = None
     """N encoded touch images; iterating over the recording decodes them one by one"""
-    contact_derived: bool = False
-    """the contact flags were computed from ground truth and geometry, not sensed"""
     source: str = ""
     """origin of the data, for people"""
+    contact_derived: bool = False
+    """the contact flags were computed from ground truth and geometry, not sensed"""
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
     """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
     first_pose: Array | None = None
@@ -83,7 +83,7 @@ class Recording:
         if not isinstance(self.shape, Shape):
             raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
         settle("sensor", known_sensor(self.sensor))
-        settle("time", checked_times(self.time, "a recording"))
+        settle("time", checked_times(self.time))
         n = len(self.time)
         settle("sensor_pose", checked_poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
@@ -109,9 +109,13 @@ class Recording:
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
-            settle("image", _checked_images(self.image))
+            settle("image", tuple(self.image))
             if len(self.image) != n:
                 raise FileError(f"image: found {len(self.image)} images for {n} times, expected one for each")
+            for index, image in enumerate(self.image):
+                if not isinstance(image, bytes):
+                    found = f"image {index} is of type {type(image).__name__}"
+                    raise FileError(f"image: {found}, expected encoded bytes; Recording.from_arrays encodes arrays")
         settle("extra", {name: _checked_extra(name, value, n) for name, value in self.extra.items()})
 
     @classmethod
@@ -244,17 +248,6 @@ class Recording:
         except FileError as error:
             where = f"{self.file or 'recording'}: image of frame {index % len(self)}"
             raise FileError(f"{where}: {error}") from error
-
-
-def _checked_images(images: Any) -> tuple[bytes, ...]:
-    kept = tuple(images)
-    for index, image in enumerate(kept):
-        if not isinstance(image, bytes):
-            found = f"an array of shape {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
-            raise FileError(
-                f"image: image {index} is {found}, expected encoded bytes; Recording.from_arrays encodes arrays"
-            )
-    return kept
 
 
 def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:

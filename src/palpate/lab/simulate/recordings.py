@@ -12,11 +12,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from palpate.errors import FileError, PalpateError, SettingError
-from palpate.files import held_folder
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
 from palpate.io.recording_mcap import source_of, write_recording
-from palpate.lab.parallel import spread
+from palpate.lab.parallel import held_folder, spread
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import kinds
 from palpate.lab.simulate.pushes import draw_sequence, measured

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 import palpate
 from palpate.config import Tactile, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
-from palpate.files import held_folder, read_arrays, read_json, whole_file
+from palpate.files import read_arrays, read_json, whole_file
 from palpate.geometry.shapes import shape_to_dict
 from palpate.io import load_recording
-from palpate.lab.parallel import quiet, spread
+from palpate.lab.parallel import held_folder, quiet, spread
 from palpate.lab.study.recordings import group_of
 from palpate.pipeline.metrics import nees
 from palpate.pipeline.track import track

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from palpate.errors import FileError, SettingError
-from palpate.files import held_folder, whole_file
+from palpate.files import whole_file
+from palpate.lab.parallel import held_folder
 from palpate.lab.train.augment import Batch, draw_groups, varied_batch
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
 from palpate.lab.train.networks import TouchNetwork, exported, restore
