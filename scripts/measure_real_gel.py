@@ -2,7 +2,8 @@
 
     python scripts/measure_real_gel.py [../shared/data/digit_balls]
 
-The folder holds the presses, `untouched.png` and `truth.csv`. The images are read as they are or as another camera
+The folder holds the presses, `untouched.png` and `truth.csv`. True angles follow from the columns of the balls by the
+scale that the owner of this unit states. The images are read as they are or as another camera
 would deliver them, without calibration or after `palpate calibrate` on five presses, which are then left out of the
 scores. `slope` and `offset_deg` are of the measured angle over the true one; `pairs_rms_deg` is the error of the change
 between any two presses, `constant_pairs_rms_deg` that of the claim that nothing changes. A side that rolls over the gel
@@ -11,6 +12,7 @@ moves its imprint as these presses do and turns the sensor the other way: `turns
 
 import csv
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,21 +22,25 @@ from numpy.typing import NDArray
 from palpate import DIGIT, Calibration
 from palpate.lab.train.scores import coverage
 from palpate.touch.background import background_of
+from palpate.touch.calibration import calibrated
 from palpate.touch.cells import Image
+from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, learn_from_presses
-from palpate.touch.touch_model import difference, reduced, shipped_model
+from palpate.touch.touch_model import difference_in_light, reduced, shipped_model
 from palpate.types.images import read_image
 
 Array = NDArray[np.float64]
+OWN_PITCH = 1e-3 / 19.58  # [m] a pixel on the gel of this unit
 CASES = {
     "as it is": ("as it is", 0),
+    "as it is, its scale known": ("as it is", 1),
     "as it is, calibrated on 5": ("as it is", 5),
     "mirrored, calibrated on 5": ("mirrored", 5),
     "turned by 180 degrees, calibrated on 5": ("turned", 5),
     "red and blue exchanged": ("swapped", 0),
     "red and blue exchanged, calibrated on 5": ("swapped", 5),
 }
-"""The camera's images, and the number of presses to calibrate on."""
+"""The camera's images, and the number of presses to calibrate on; 1 is a ruler."""
 
 
 def main(folder: Path) -> None:
@@ -46,11 +52,14 @@ def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
     """Return the scores of one case."""
     with (folder / "truth.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    true = np.radians([float(row["angle_deg"]) for row in rows])
+    column = np.array([float(row["column_px"]) for row in rows])
+    true = np.arcsin((column - 0.5 * (DIGIT.image_width - 1)) * OWN_PITCH / DIGIT.radius)
     images = [as_delivered(read_image(folder / row["file"]), camera) for row in rows]
     untouched = as_delivered(read_image(folder / "untouched.png"), camera)
     calibration, chosen = Calibration(background_of([untouched] * 2)), np.array([], np.int_)
-    if calibrate_on:
+    if calibrate_on == 1:
+        calibration = replace(calibration, pixel_pitch=OWN_PITCH, pixel_pitch_sigma=0.04)
+    elif calibrate_on:
         chosen = np.argsort(true)[np.linspace(0, len(true) - 1, calibrate_on).astype(int)]
         presses = Presses(tuple(images[k] for k in chosen), true[chosen], tuple(rows[k]["file"] for k in chosen))
         calibration = learn_from_presses(presses, [untouched], DIGIT, shipped_model(DIGIT.name)).calibration
@@ -61,13 +70,16 @@ def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
 def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[str, float]:
     """Return the scores of images with true angles (N,) [rad]."""
     model, mean = shipped_model(DIGIT.name), reduced(calibration.background.mean)
-    looks = [model.read(difference(calibration.view.of(image), mean)) for image in images]
+    looks = [model.read(difference_in_light(calibration.view.of(image), mean)) for image in images]
+    factor = angle_factor(model, calibrated(DIGIT, calibration))
     direction, variance = np.array([look.direction for look in looks]).T
-    direction = (direction - calibration.direction.offset) / calibration.direction.scale
+    direction = (factor * direction - calibration.direction.offset) / calibration.direction.scale
     error = direction - true
     slope, intercept = np.polyfit(true, direction, 1)
-    inside = coverage(error, variance * model.settings.spread["direction"].scale)
-    turns = changes(np.array([look.turn[0] for look in looks if look.turn])) / calibration.direction.scale
+    inside = coverage(
+        error, (factor / calibration.direction.scale) ** 2 * variance * model.settings.spread["direction"].scale
+    )
+    turns = changes(np.array([look.turn[0] for look in looks if look.turn])) * factor / calibration.direction.scale
     return {
         "n": len(images),
         "correlation": float(np.corrcoef(true, direction)[0, 1]),

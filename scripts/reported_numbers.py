@@ -318,6 +318,7 @@ TABLES: dict[str, Table] = {
             "docs/study/real_gel.json",
             {
                 "as it is": "as they are",
+                "as it is, its scale known": "as they are, with the scale of this unit",
                 "red and blue exchanged": "red and blue exchanged",
                 "as it is, calibrated on 5": "as they are, after `palpate calibrate` on five of them",
                 "mirrored, calibrated on 5": "mirrored, after the same",

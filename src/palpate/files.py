@@ -157,6 +157,12 @@ def column_name(written: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", written.lower()).strip("_")
 
 
+def table_columns(path: Path | str) -> list[str]:
+    """Return the names of a table's columns, as `column_name` writes them."""
+    text = read_text(path)
+    return [column_name(cell) for _, header in table_rows(text.partition("\n")[0], path)[:1] for cell in header]
+
+
 def read_table(path: Path | str, needed: Sequence[str], optional: str = "") -> list[tuple[int, list[str]]]:
     """Return these columns of a table with a header, row by row with its line; an optional one may be "" throughout.
 

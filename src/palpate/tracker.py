@@ -80,7 +80,11 @@ class Tracker:
         is_view_known = calibration is not None and calibration.is_view_known
         self._bank = HypothesisBank(
             contact_model(shape, sensor),
-            with_correction(settings.noise, calibration.direction if calibration else UNCORRECTED),
+            with_correction(
+                settings.noise,
+                calibration.direction if calibration else UNCORRECTED,
+                0.0 if self._is_touch_given else sensor.pixel_pitch_sigma,
+            ),
             settings.smoother,
             *self._first,
             settings.hypotheses,
@@ -291,9 +295,14 @@ def with_set_up(settings: TrackerSettings, sigma: ArrayLike | None) -> TrackerSe
     return replace(settings, noise=replace(settings.noise, sensor_pose=pose))
 
 
-def with_correction(noise: NoiseSettings, correction: DirectionCorrection) -> NoiseSettings:
-    """Return the settings with the uncertainty that a calibration leaves in corrected directions."""
+def with_correction(noise: NoiseSettings, correction: DirectionCorrection, pitch_sigma: float) -> NoiseSettings:
+    """Return the settings with the uncertainty that a calibration leaves in corrected directions.
+
+    `pitch_sigma` is that of the pixel pitch of units without one, as a share of it.
+    """
     priors = noise.priors
+    mean, sigma = priors.direction_scale
+    priors = replace(priors, direction_scale=(mean, math.hypot(sigma, pitch_sigma)))
     if correction.offset_sigma is not None:
         priors = replace(priors, direction_bias=(0.0, correction.offset_sigma))
     if correction.scale_sigma is not None:

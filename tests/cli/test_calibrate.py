@@ -133,11 +133,12 @@ def test_a_run_names_its_calibration(succeeds, json_of, folder):
 
 
 WHOLE = {
-    "version": 4,
+    "version": 5,
     **{name: np.ones((4, 4, 3), np.float32) for name in ("mean", "deviation", "noise")},
     "view": [0, 0, 0, 1, 2],
     "view_known": False,
     "direction": [0.0, 1.0, 0.1, 0.1],
+    "pixel_pitch": [6e-5, 0.04],
 }
 
 
@@ -145,7 +146,7 @@ WHOLE = {
     ("fields", "message"),
     [
         ({"view_known": None}, "'view_known' is missing"),
-        ({"version": 3}, "version: found 3, expected 4; calibrate the unit anew"),
+        ({"version": 3}, "version: found 3, expected 5; calibrate the unit anew"),
         ({"mean": np.ones((4, 4), np.float32)}, r"mean: found shape \(4, 4\), expected \(N, N, 3\)"),
         ({"mean": np.ones((4, 4, 3))}, "mean: found float64"),
         ({"mean": np.full((4, 4, 3), np.nan, np.float32)}, "mean: found .* not grey levels"),

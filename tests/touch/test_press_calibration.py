@@ -17,6 +17,7 @@ from palpate.lab.simulate.gel import ball_overlap, touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, CameraView, DirectionCorrection, views
+from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, PressFit, learn_from_presses, read_image, read_presses
 from palpate.touch.touch_model import shipped_model
 
@@ -27,7 +28,7 @@ MOUNTED = [AS_IT_IS, CameraView(2), CameraView(1), CameraView(0, True), CameraVi
 
 @pytest.fixture(scope="module")
 def unit() -> SensorUnit:
-    return draw_unit(DIGIT, 4)  # with its colours as usual
+    return draw_unit(dataclasses.replace(DIGIT, pixel_pitch_sigma=0.0), 4)  # with its colours as usual
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def of_camera(presses: Presses, view: CameraView, in_order: bool = False) -> Pre
 class Reader:
     """Stand-in for a touch model: the middle of the change over a gel's width, with an error."""
 
-    settings = SimpleNamespace(spread={"direction": SimpleNamespace(scale=1.0)})
+    settings = SimpleNamespace(spread=dict.fromkeys(("direction", "turn"), SimpleNamespace(scale=1.0)))
 
     def __init__(self, offset: float = 0.0, scale: float = 1.0) -> None:
         self.offset, self.scale = offset, scale
@@ -88,10 +89,12 @@ def test_measured_presses_show_left_and_right_however_the_camera_is_mounted(unit
 
 def test_presses_measure_offset_and_scale(unit, presses):
     fit = learn(presses, unit.no_contact)
-    other = learn(presses, unit.no_contact, Reader(np.radians(1.5), 0.93))
+    other_model: Any = Reader(np.radians(1.5), 0.93)
+    other = learn(presses, unit.no_contact, other_model)
     direction, plain = other.calibration.direction, fit.calibration.direction
     # The priors of 2 degrees and 10 % hold back a little.
-    assert direction.offset - 0.93 * plain.offset == pytest.approx(np.radians(1.5), abs=np.radians(0.1))
+    offset = angle_factor(other_model, DIGIT) * np.radians(1.5)  # of images that are narrower than the pad
+    assert direction.offset - 0.93 * plain.offset == pytest.approx(offset, abs=np.radians(0.1))
     assert direction.scale / plain.scale == pytest.approx(0.93, abs=0.01)
     true = (other.measured - direction.offset) / direction.scale
     np.testing.assert_allclose(true, ANGLES, atol=3.0 * other.scatter)
@@ -110,7 +113,8 @@ def chosen(presses: Presses, places: Any) -> Presses:
     ("change", "words"),
     [
         (lambda given: chosen(given, [0, 1, 2, 3]), "found 4 presses; at least 5"),
-        (lambda given: dataclasses.replace(given, angle=0.2 * given.angle), "spread over 8 degrees"),
+        (lambda given: chosen(given, [3, 3, 3, 3, 3]), "within 0.0 degrees, less than noise can tell left from right"),
+        (lambda given: dataclasses.replace(given, angle=0.5 * given.angle), "are angles in degrees and places in mm"),
         (lambda given: dataclasses.replace(given, angle=given.angle[[3, 0, 5, 1, 4, 2]]), "about a line"),
         (lambda given: dataclasses.replace(given, images=(given.images[0][:300], *given.images[1:])), "0.png: image"),
         (lambda given: of_camera(chosen(given, [2, 0, 4, 1, 3, 5]), AS_IT_IS, True), "presses in no view"),
@@ -172,9 +176,13 @@ def write(folder: Path, presses: Presses, untouched: Array) -> tuple[Any, ...]:
     """Write presses, their table and the untouched gel; return the options that calibrate on them."""
     for name, image in (*zip(presses.names, presses.images, strict=True), ("still.png", untouched)):
         assert cv2.imwrite(str(folder / name), image[..., ::-1])
-    rows = zip(presses.names, np.degrees(presses.angle), strict=True) if presses.is_measured else zip(presses.names)
+    rows = (
+        zip(presses.names, np.degrees(presses.angle), strict=True)
+        if np.isfinite(presses.angle).all()
+        else zip(presses.names)
+    )
     with (folder / "presses.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([("file", "angle_deg") if presses.is_measured else ("file",), *rows])
+        csv.writer(file).writerows([("file", "angle_deg") if np.isfinite(presses.angle).all() else ("file",), *rows])
     return "calibrate", "--presses", folder / "presses.csv", "--untouched", folder / "still.png"
 
 
@@ -187,6 +195,61 @@ def test_tables_of_presses_as_people_write_them(tmp_path, unit, header):
     (tmp_path / "presses.csv").write_text(f"{header}\n{row}\n\n", encoding="utf-8")
     found = read_presses(tmp_path / "presses.csv", in_order=True)
     assert np.degrees(found.angle).tolist() == [pytest.approx(-2.5)] and found.names == ("a.png",)
+
+
+def with_ball(unit: SensorUnit, *places: float) -> Array:
+    """Return the image of a unit on which balls press at places along y [m]."""
+    overlaps = [ball_overlap(unit, 0.003, (place, 0.0), 7e-4) for place in places]
+    return touch_image(unit, np.max(overlaps, axis=0), rng=np.random.default_rng(0))
+
+
+@pytest.fixture
+def narrow(tmp_path) -> SensorUnit:
+    """Return a unit whose image shows 13.3 mm, and write its untouched gel and images of rulers of 6 mm and of none."""
+    found = draw_unit(dataclasses.replace(DIGIT, pixel_pitch=1e-3 / 18.0, pixel_pitch_sigma=0.0), 4)
+    two, one = with_ball(found, -0.003, 0.003), with_ball(found, 0.001)
+    for name, image in (("still", found.no_contact), ("two", two), ("one", one), ("small", two[:240])):
+        assert cv2.imwrite(str(tmp_path / f"{name}.png"), image[..., ::-1])
+    return found
+
+
+def test_a_ruler_measures_the_pixel_pitch(tmp_path, narrow, run_palpate, fails):
+    out = tmp_path / "unit.npz"
+    words = "calibrate", "--untouched", tmp_path / "still.png", "--out", out, "--ruler"
+    numbers = json.loads(run_palpate(*words, "6mm", tmp_path / "two.png", "--json")[1])
+    assert numbers["px_per_mm"] == pytest.approx(18.0, rel=0.05)
+    assert 0.03 * 18.0 < numbers["px_per_mm_sigma"] < 0.06 * 18.0
+    found = load_calibration(out)
+    assert found.pixel_pitch == pytest.approx(narrow.pitch, rel=0.05)
+    assert found.direction.scale_sigma == pytest.approx(np.hypot(0.06, found.pixel_pitch_sigma))
+    for length, image, said in (
+        ("6mm", "one.png", "one.png: found no two imprints of the ruler side by side 6 mm apart"),
+        ("13 mm", "two.png", "no two imprints of the ruler side by side 13 mm apart: are they one, or is the length"),
+        ("0.04m", "two.png", "a ruler of 40 mm is not what an image of 'DIGIT' shows, some 15 mm"),
+        ("6", "two.png", "found the length '6'; expected a number above 0 and its unit, such as 8mm"),
+        ("6mm", "small.png", "small.png: "),
+    ):
+        assert said in fails(*words, length, tmp_path / image, "--force")
+    strange = palpate.Calibration(found.background, pixel_pitch=2e-4)
+    with pytest.raises(palpate.SettingError, match="of images of 5 px/mm; those of sensor 'DIGIT' have about 16"):
+        Tracker(Rectangle(0.1, 0.1), DIGIT, None, calibration=strange)
+
+
+def test_places_measure_the_scale_however_narrow_and_a_ruler_goes_with_them(tmp_path, narrow, run_palpate):
+    offset, names = 0.0213, [f"{number}.png" for number in range(8)]  # [m] of a machine's zero
+    places = np.repeat([-0.0012, 0.0, 0.0008, 0.0018], 2)
+    for name, place in zip(names, places, strict=True):
+        assert cv2.imwrite(str(tmp_path / name), with_ball(narrow, place)[..., ::-1])
+    rows = [f"{name},{1e3 * (place + offset - 0.02):.2f}" for name, place in zip(names, places, strict=True)]
+    (tmp_path / "presses.csv").write_text("\n".join(["file,place_mm", *rows]))
+    words = "calibrate", "--presses", tmp_path / "presses.csv", "--untouched", tmp_path / "still.png", "--force"
+    plain = json.loads(run_palpate(*words, "--out", tmp_path / "a.npz", "--json")[1])
+    assert plain["scale"] == pytest.approx(18.0 / 16.0, abs=0.1) and plain["px_per_mm"] is None
+    assert plain["offset_sigma_deg"] is None and 0.06 < plain["scale_sigma"] < 0.2
+    ruled = json.loads(
+        run_palpate(*words, "--out", tmp_path / "b.npz", "--ruler", "6mm", tmp_path / "two.png", "--json")[1]
+    )
+    assert ruled["scale"] == pytest.approx(1.05, abs=0.1) and ruled["px_per_mm"] == pytest.approx(18.0, rel=0.05)
 
 
 @pytest.mark.parametrize("in_order", [False, True])

@@ -18,7 +18,9 @@ from palpate.touch.cells import Levels
 from palpate.types.images import AS_IT_IS, CameraView
 from palpate.types.sensor import SensorProfile
 
-VERSION = 4
+VERSION = 5
+LEAST_PITCH, MOST_PITCH = 0.625, 1.6
+"""Pixel pitches that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
 
 
 def views(size: tuple[int, ...], height: int, width: int) -> Iterator[CameraView]:
@@ -83,6 +85,10 @@ class Calibration:
     """Steps that turn the camera's images into the profile's."""
     direction: DirectionCorrection = UNCORRECTED
     """Errors of the contact directions."""
+    pixel_pitch: float | None = None
+    """Width and height of a pixel on the gel [m]; None if it was not measured."""
+    pixel_pitch_sigma: float = 0.0
+    """Its standard deviation, as a share of it."""
     is_view_known: bool = False
     """Presses have shown how images lie; otherwise only their size is known."""
     file: Path | None = None
@@ -94,7 +100,9 @@ class Calibration:
     def hash(self) -> str:
         """Hash of its content."""
         gel = self.background
-        digest = hashlib.sha256(repr((gel.mean.shape, self.view, self.direction, self.is_view_known)).encode())
+        digest = hashlib.sha256(
+            repr((gel.mean.shape, self.view, self.direction, self.is_view_known, self.pixel_pitch)).encode()
+        )
         for levels in (gel.mean, gel.deviation, gel.noise):
             digest.update(levels.tobytes())
         return digest.hexdigest()
@@ -107,13 +115,24 @@ def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorP
     return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
 
 
+def calibrated(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
+    """Return the profile with the pixel pitch of a calibrated unit, if that was measured."""
+    if calibration is None or calibration.pixel_pitch is None:
+        return sensor
+    return replace(sensor, pixel_pitch=calibration.pixel_pitch, pixel_pitch_sigma=calibration.pixel_pitch_sigma)
+
+
 def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
-    """Return a sentence if a calibration has images of another size than the sensor's; otherwise ""."""
+    """Return a sentence if a calibration cannot be of the sensor, by its images' size or scale; otherwise ""."""
     expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
+    name = calibration.file or "the calibration"
+    pitch, usual = calibration.pixel_pitch, sensor.pixel_pitch
+    if pitch and usual and not LEAST_PITCH * usual < pitch < MOST_PITCH * usual:
+        scales = f"{1e-3 / pitch:.3g} px/mm; those of sensor {sensor.name!r} have about {1e-3 / usual:.3g}"
+        return f"{name}: is of images of {scales}: was its ruler's length another?"
     if found == expected or not sensor.image_height:
         return ""
     sizes = ["{} x {}".format(*size) for size in (found, expected)]
-    name = calibration.file or "the calibration"
     return f"{name}: is of images of {sizes[0]} px; those of sensor {sensor.name!r} have {sizes[1]}"
 
 
@@ -131,6 +150,7 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
             view=[view.quarter_turns, view.mirrored, *view.channels],
             view_known=calibration.is_view_known,
             direction=[direction.offset, direction.scale, *sigmas],
+            pixel_pitch=[calibration.pixel_pitch or np.nan, calibration.pixel_pitch_sigma],
         )
 
 
@@ -154,12 +174,19 @@ def load_calibration(path: Path | str) -> Calibration:
         if not (np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)):
             found = arrays["direction"].tolist()
             raise FileError(f"direction: found {found}, expected an offset, a scale above 0 and sigmas above 0")
+        pitch, pitch_sigma = checked_array("pixel_pitch", arrays["pixel_pitch"], NUMBERS, (2,)).astype(float).tolist()
+        if not (np.isnan(pitch) or 0.0 < pitch < 1.0) or not 0.0 <= pitch_sigma <= 0.5:
+            raise FileError(
+                f"pixel_pitch: found {[pitch, pitch_sigma]}, expected a length [m] and a sigma from 0 to 0.5"
+            )
         return Calibration(
             background,
             CameraView(int(turns), bool(mirrored), (red, green, blue)),
             DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas)),
-            bool(checked_array("view_known", arrays["view_known"], FLAGS, ())),
-            path,
+            None if np.isnan(pitch) else pitch,
+            pitch_sigma,
+            is_view_known=bool(checked_array("view_known", arrays["view_known"], FLAGS, ())),
+            file=path,
         )
     except KeyError as error:
         raise FileError(f"{path}: is no calibration of palpate calibrate, {error} is missing") from error

@@ -1,9 +1,11 @@
-"""Making a calibration: the untouched gel from a recording, and from presses the camera view and errors of directions.
+"""Making a calibration: untouched gel, pixel pitch by a ruler, and by presses the camera view and errors of directions.
 
-A ball, rod or edge is pressed on the gel at angles known from the robot or the place. The model is asked in every view
-of the right size; in the right one, measured angles lie on a line over the true ones. Of presses by hand the order from
-one side to the other is enough: in the right view imprints lie in this order, and their places give the angles. That
-shows the view, and none of the errors.
+A ruler is two edges, or two balls, that are pressed in a known distance apart.
+
+A ball, rod or edge is pressed on the gel at known angles or places. The model is asked in every view of the right size;
+in the right one, measured angles lie on a line over the true ones. Of presses by hand the order from one side to the
+other is enough: in the right view imprints lie in this order, and their places give the angles. That shows the view,
+and none of the errors.
 """
 
 import math
@@ -15,12 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import numbers_of, read_table
+from palpate.files import numbers_of, read_table, table_columns
 from palpate.touch.background import background_of
-from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, CameraView, DirectionCorrection, views
-from palpate.touch.cells import Image
+from palpate.touch.calibration import (
+    AS_IT_IS,
+    LEAST_PITCH,
+    MOST_PITCH,
+    Calibration,
+    CameraView,
+    DirectionCorrection,
+    calibrated,
+    views,
+)
+from palpate.touch.cells import Image, area_means
 from palpate.touch.contact_detector import START, ContactDetector
-from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference, reduced
+from palpate.touch.pipeline import angle_factor
+from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
 from palpate.types.images import read_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -32,12 +44,15 @@ NEEDED = 30
 MARGIN = 2
 """Frames beside a contact that are left out, as in the paper: flags may be late, and gel takes its time."""
 FEWEST = 5  # presses that show a line and its scatter
-SPREAD = np.radians(8.0)  # [rad] between least and greatest angle: less does not tell the scale, or left from right
+SPREAD = np.radians(8.0)  # [rad] between least and greatest angle that a model needs, or presses in order
 WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
 _OFFSET, _SCALE = np.radians(2.0), 0.1  # standard deviations of offset [rad] and scale before any press
 _OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball
+_LEFT_OR_RIGHT = 3.0  # log likelihood of one over the other that makes it known
 _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
 _IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
+_ALIKE = 0.4  # correlation of two imprints; simulated ones have 0.5 or more, and a single one at most 0.15
+_RULER = 0.04, 1e-4  # errors of a distance of imprints: as a share, from their flanks, and [m]
 
 
 def untouched_frames(recording: Recording) -> NDArray[np.int64]:
@@ -73,6 +88,54 @@ def untouched_images(recording: Recording) -> Iterator[Image]:
 
 
 @dataclass(frozen=True, eq=False)
+class Ruler:
+    """Two edges or balls of one kind, pressed in side by side along the image's columns."""
+
+    image: Image
+    """(height, width, 3) RGB."""
+    length: float
+    """Distance of the two imprints on the gel [m]."""
+
+
+def with_ruler(calibration: Calibration, ruler: Ruler, sensor: SensorProfile) -> Calibration:
+    """Return a calibration with the pixel pitch that an image of a ruler, in the profile's view, shows.
+
+    Raises FileError where it does not show two imprints.
+    """
+    image, untouched, length = ruler.image, calibration.background, ruler.length
+    if sensor.pixel_pitch is None:
+        raise FileError(f"a ruler measures images of a pad, and {sensor.name!r} has none")
+    rows, columns = image.shape[0] // 10, image.shape[1]
+    if image.shape != untouched.mean.shape:
+        sizes = ["{} x {}".format(*each.shape) for each in (image, untouched.mean)]
+        raise FileError(f"the ruler's image has {sizes[0]} px, and that of the untouched gel {sizes[1]}")
+    change = area_means(image, rows, columns) - area_means(untouched.mean, rows, columns)
+    profile, near = change.sum(axis=0), np.arange(-0.02 * columns, 0.02 * columns + 1.0)
+    smooth = np.exp(-0.5 * np.square(near / (0.008 * columns)))  # two pixels of a DIGIT
+    profile = np.stack([np.convolve(channel, smooth, "same") for channel in profile.T])
+    least, most = (round(length / (share * sensor.pixel_pitch)) for share in (MOST_PITCH, LEAST_PITCH))
+    shifts = np.arange(max(least, 1), min(most, round(0.9 * columns)) + 1)
+    if len(shifts) < 3:
+        found = f"a ruler of {1e3 * length:g} mm is not what an image of {sensor.name!r} shows"
+        raise FileError(f"{found}, some {1e3 * sensor.pixel_pitch * columns:.0f} mm")
+    alike = [
+        2.0 * np.sum(profile[:, :-each] * profile[:, each:]) / max(np.sum(np.square(profile)), 1e-9) for each in shifts
+    ]
+    best = int(np.argmax(alike))
+    if not alike[best] > _ALIKE or best in (0, len(shifts) - 1):
+        raise FileError(
+            f"found no two imprints of the ruler side by side {1e3 * length:g} mm apart: are they one, or is the "
+            "length another?"
+        )
+    before, top, after = alike[best - 1 : best + 2]
+    shift = shifts[best] + 0.5 * (before - after) / (before - 2.0 * top + after)
+    # Rendered edges are found 2 % too near to each other, and balls 2 to 5 %, as their inner flanks show more.
+    pitch, sigma = length / float(1.03 * shift), math.hypot(_RULER[0], _RULER[1] / length)
+    direction = replace(calibration.direction, scale_sigma=math.hypot(_OTHER_OBJECTS, sigma))
+    return replace(calibration, direction=direction, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
+
+
+@dataclass(frozen=True, eq=False)
 class Presses:
     """Images of N presses, as the camera gives them."""
 
@@ -80,33 +143,51 @@ class Presses:
     """Each (height, width, 3) RGB."""
     angle: Array
     """Contact direction, (N,) [rad]; see `measurements.ContactDirection`. NaN if only their order is known, from -y to
-    +y."""
+    +y, or places."""
     names: tuple[str, ...]
     """Name of each in messages."""
+    place: Array | None = None
+    """Where on the gel along y, from anywhere, in place of angles, (N,) [m]."""
 
-    @property
-    def is_measured(self) -> bool:
-        """Angles are known, and not the order alone."""
-        return bool(np.isfinite(self.angle).all())
+    def angles(self, sensor: SensorProfile) -> Array | None:
+        """Return the angles (N,) [rad], of places those on the sensor's round gel; None if the order alone is known.
+
+        Raises FileError for places on a gel that is not round, or beyond it.
+        """
+        if self.place is None:
+            return self.angle if np.isfinite(self.angle).all() else None
+        if sensor.flat_width or not np.abs(self.place).max() < sensor.radius:
+            found = f"found places up to {1e3 * np.abs(self.place).max():.3g} mm from the middle"
+            raise FileError(
+                f"{found}; they must be on a round gel, and {sensor.name!r} has a radius of {sensor.radius} m"
+            )
+        return np.arcsin(self.place / sensor.radius)
 
 
 def read_presses(path: Path, look: Callable[[Path], Image] = read_image, in_order: bool = False) -> Presses:
     """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    `look` reads an image. A table without angles, of presses in order, is allowed only with `in_order`.
+    `look` reads an image. A table with place_mm in place of angles, or of presses in order with neither, is allowed
+    only with `in_order`.
     """
-    rows = read_table(path, ("file",) if in_order else ("file", "angle_deg"), "angle_deg" if in_order else "")
-    has_angles = any(angle for _, (_, angle) in rows)
-    angles, images = np.full(len(rows), np.nan), []
-    for index, (line, (name, angle)) in enumerate(rows):
-        if has_angles:
-            angles[index] = (numbers_of([angle]) or [np.nan])[0]
-            if not abs(angles[index]) <= 90.0:
-                raise FileError(f"{path}: line {line}: angle_deg is {angle!r}; expected -90 to 90 degrees")
+    column, most, unit = "angle_deg", 90.0, "degrees"
+    if in_order and "place_mm" in table_columns(path):
+        column, most, unit = "place_mm", 100.0, "mm"
+    rows = read_table(path, ("file",) if in_order else ("file", column), column if in_order else "")
+    has_numbers = any(number for _, (_, number) in rows)
+    numbers, images = np.full(len(rows), np.nan), []
+    for index, (line, (name, number)) in enumerate(rows):
+        if has_numbers:
+            numbers[index] = (numbers_of([number]) or [np.nan])[0]
+            if not abs(numbers[index]) <= most:
+                raise FileError(f"{path}: line {line}: {column} is {number!r}; expected -{most:g} to {most:g} {unit}")
         if not name.isprintable() or not name:
             raise FileError(f"{path}: line {line}: file is {name!r}; expected the name of an image")
         images.append(look(path.parent / name))
-    return Presses(tuple(images), np.radians(angles), tuple(name for _, (name, _) in rows))
+    is_place = column == "place_mm" and has_numbers
+    angles, place = np.full(len(rows), np.nan), 1e-3 * numbers
+    names = tuple(name for _, (name, _) in rows)
+    return Presses(tuple(images), angles if is_place else np.radians(numbers), names, place if is_place else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +223,11 @@ def check_spread(angle: Array) -> None:
 
 
 def learn_from_presses(
-    presses: Presses, untouched: Sequence[Image], sensor: SensorProfile, model: TouchModel
+    presses: Presses,
+    untouched: Sequence[Image],
+    sensor: SensorProfile,
+    model: TouchModel,
+    ruler: Ruler | None = None,
 ) -> PressFit:
     """Return the calibration by presses, given one or more images of the untouched gel as the camera gives them.
 
@@ -151,9 +236,9 @@ def learn_from_presses(
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
-    if presses.is_measured:
-        check_spread(presses.angle)
-    elif sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius:
+    angle = presses.angles(sensor)
+    is_measured = angle is not None
+    if not is_measured and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     height, width = sensor.image_height, sensor.image_width
     check_alike(presses, untouched)
@@ -164,56 +249,85 @@ def learn_from_presses(
         raise FileError(f"{found} are not those of {sensor.name!r}, {height} x {width} px, in any turn")
     # The likeliest view, by however little: presses tell only left from right for sure, but a simpler view that was
     # nearly as likely would make errors a tenth larger.
-    fits = [_fit(view, presses, untouched, sensor, model) for view in candidates]
+    fits = [_fit(view, presses, angle, untouched, sensor, model, ruler) for view in candidates]
     log_likelihood, fit = max(fits, key=lambda each: each[0])
+    side = _side(fit.calibration.view)
+    exchanged = max(found for found, other in fits if _side(other.calibration.view) != side)
     for name, image in zip(presses.names, presses.images, strict=True):
         detector = ContactDetector(sensor, replace(fit.calibration, is_sure=True))
         if not detector.update(detector.read(image)):
             raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")
     if log_likelihood == -math.inf:
         raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
-    check_spread(fit.angle)
-    over, worst = ("the given angles", WORST) if presses.is_measured else ("the places of the imprints", 2.0 * WORST)
+    if not is_measured:
+        check_spread(fit.angle)
+    over, worst = ("the given angles", WORST) if is_measured else ("the places of the imprints", 2.0 * WORST)
     if fit.scatter > worst:
         raise FileError(
             f"what the presses show lies {np.degrees(fit.scatter):.1f} degrees about a line over {over}, "
             f"allowed are {np.degrees(worst):.0f}: are {over} right, and is the untouched gel of this unit, and "
             "untouched?"
         )
+    if log_likelihood - exchanged < _LEFT_OR_RIGHT:
+        found = f"found presses within {np.degrees(np.ptp(fit.angle)):.1f} degrees"
+        raise FileError(f"{found}, less than noise can tell left from right by; add some farther apart")
+    scale, usual = fit.calibration.direction.scale, calibrated(sensor, fit.calibration).shown / sensor.shown
+    if not LEAST_PITCH < usual / scale < MOST_PITCH:
+        raise FileError(
+            f"directions change by {scale:.2g} of what the presses do, as if an image showed {usual / scale:.2g} times "
+            f"what one of {sensor.name!r} does: are angles in degrees and places in mm?"
+        )
     return fit
 
 
+def _side(view: CameraView) -> int:
+    """Return another number for views that exchange left and right."""
+    return (view.quarter_turns // 2 + view.mirrored) % 2
+
+
 def _fit(
-    view: CameraView, presses: Presses, untouched: Sequence[Image], sensor: SensorProfile, model: TouchModel
+    view: CameraView,
+    presses: Presses,
+    given: Array | None,
+    untouched: Sequence[Image],
+    sensor: SensorProfile,
+    model: TouchModel,
+    ruler: Ruler | None,
 ) -> tuple[float, PressFit]:
     """Return the log likelihood of the presses in a view, and the calibration that follows."""
-    background = background_of(view.of(image) for image in untouched)
-    mean = reduced(background.mean)
-    seen = [difference(view.of(image), mean) for image in presses.images]
+    background, is_measured = background_of(view.of(image) for image in untouched), given is not None
+    calibration = Calibration(background, view, is_view_known=True)
+    if ruler is not None:
+        calibration = with_ruler(calibration, replace(ruler, image=view.of(ruler.image)), sensor)
+    unit, mean = calibrated(sensor, calibration), reduced(background.mean)
+    seen = [difference_in_light(view.of(image), mean) for image in presses.images]
     measured, variance = np.array([model.read(each).direction for each in seen]).T
-    is_measured = presses.is_measured
-    angle = presses.angle if is_measured else np.array([imprint_angle(each, sensor) for each in seen])
+    measured *= angle_factor(model, unit)
+    angle = given if given is not None else np.array([imprint_angle(each, unit) for each in seen])
+    of_offset = _OFFSET if presses.place is None else 1.0  # [rad] places are from anywhere
+    of_scale = math.hypot(_SCALE, unit.pixel_pitch_sigma)
     variance = variance * model.settings.spread["direction"].scale + (_TRUTH if is_measured else _IMPRINT) ** 2
     # measured = offset + scale true, with priors on both.
     design = np.stack([np.ones_like(measured), angle], axis=1)
-    prior = np.array([0.0, 1.0]), np.diag([_OFFSET**-2, _SCALE**-2])
+    prior = np.array([0.0, 1.0]), np.diag([of_offset**-2, of_scale**-2])
     information = prior[1] + design.T @ (design / variance[:, None])
     offset, scale = np.linalg.solve(information, prior[1] @ prior[0] + design.T @ (measured / variance))
     off = measured - offset - scale * angle
-    cost = off @ (off / variance) + (offset / _OFFSET) ** 2 + ((scale - 1.0) / _SCALE) ** 2 + np.log(variance).sum()
+    cost = off @ (off / variance) + (offset / of_offset) ** 2 + ((scale - 1.0) / of_scale) ** 2 + np.log(variance).sum()
     log_likelihood, scatter = -0.5 * float(cost), float(np.sqrt(np.mean(off**2)))
-    correction = UNCORRECTED
+    correction = calibration.direction
     if is_measured:
         inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
         sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * inflation
         scale_sigma = math.hypot(sigmas[1], _OTHER_OBJECTS)
         correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), scale_sigma)
+        if presses.place is not None:
+            correction = DirectionCorrection(scale=float(scale), scale_sigma=scale_sigma)
     else:
         ranks = np.argsort(np.argsort(angle))
         if not np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _IN_ORDER:
             log_likelihood = -math.inf
-    calibration = Calibration(background, view, correction, is_view_known=True)
-    return log_likelihood, PressFit(calibration, angle, measured, scatter)
+    return log_likelihood, PressFit(replace(calibration, direction=correction), angle, measured, scatter)
 
 
 def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:
@@ -223,4 +337,4 @@ def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:
     if not strength.any():
         return math.nan
     column = (2.0 * np.arange(COLUMNS) + 1.0) / COLUMNS - 1.0
-    return math.asin(float(strength @ column / strength.sum()) * sensor.half_width / sensor.radius)
+    return math.asin(float(strength @ column / strength.sum()) * sensor.shown * sensor.half_width / sensor.radius)

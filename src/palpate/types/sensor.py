@@ -42,6 +42,10 @@ class SensorProfile:
     """Frames per second [Hz]."""
     flat_width: float = 0.0
     """Width along y of the flat part of each tip, between its round edges [m]; 0 for a round tip."""
+    pixel_pitch: float | None = None
+    """Width and height of a pixel on the gel [m]; by default the image is as wide as the pad."""
+    pixel_pitch_sigma: float = 0.0
+    """Standard deviation of the pixel pitch from unit to unit, as a share of it."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -56,6 +60,11 @@ class SensorProfile:
                 raise SettingError(f"{found}; the pad must be as wide as the flat part of its tip, or wider")
         for name in ("image_height", "image_width"):
             self._check(name, 0, 65_535, "a whole number [px], 0 or more", Integral)
+        if self.pixel_pitch is not None:
+            self._check("pixel_pitch", 1e-6, 1e-2, "the width of a pixel on the gel [m], 1e-6 to 1e-2, or None")
+        elif self.half_width is not None and self.image_width:
+            object.__setattr__(self, "pixel_pitch", 2.0 * self.half_width / self.image_width)
+        self._check("pixel_pitch_sigma", 0.0, 0.5, "a share of the pixel pitch, 0 to 0.5")
         if (self.image_height == 0) != (self.image_width == 0):
             found = f"{self.image_height} rows and {self.image_width} columns"
             raise SettingError(f"sensor {self.name!r} has images of {found}; both must be 0 or both above 0")
@@ -67,6 +76,13 @@ class SensorProfile:
             found = f"sensor {self.name!r} has tips {reprlib.repr(self.tips)}"
             raise SettingError(f"{found}; they must be one or more finite (x, y) pairs [m]")
         object.__setattr__(self, "tips", tips)
+
+    @property
+    def shown(self) -> float:
+        """Width of the gel that an image shows, as a share of the pad's; 1 where one of both is unknown."""
+        if self.pixel_pitch is None or self.half_width is None or not self.image_width:
+            return 1.0
+        return self.pixel_pitch * self.image_width / (2.0 * self.half_width)
 
     @property
     def centers(self) -> Array:
@@ -139,11 +155,23 @@ def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
     allowed = [field.name for field in fields(SensorProfile)]
     if not {"name", "radius"} <= data.keys() <= set(allowed):
         raise SettingError(f"a sensor has the fields {sorted(data)}; needed are name and radius of {allowed}")
+    known = next((each for each in SENSORS.values() if each.name == data["name"]), None)
+    if known and "pixel_pitch" not in data and known.image_width == data.get("image_width"):  # an older file
+        data = {**data, "pixel_pitch": known.pixel_pitch, "pixel_pitch_sigma": known.pixel_pitch_sigma}
     return SensorProfile(**data)
 
 
-DIGIT = SensorProfile(name="DIGIT", radius=0.021, half_width=0.0092, image_height=320, image_width=240, rate=30.0)
-"""The DIGIT with its curved gel."""
+DIGIT = SensorProfile(
+    name="DIGIT",
+    radius=0.021,
+    half_width=0.0092,
+    image_height=320,
+    image_width=240,
+    rate=30.0,
+    pixel_pitch=6.25e-5,
+    pixel_pitch_sigma=0.144,
+)
+"""The DIGIT with its curved gel, whose image shows the middle of the pad: units were measured at 14 to 19.6 px/mm."""
 
 GELSIGHT_MINI = SensorProfile(
     name="GelSight Mini",
@@ -153,8 +181,10 @@ GELSIGHT_MINI = SensorProfile(
     image_width=320,
     rate=25.0,
     flat_width=0.01628,
+    pixel_pitch=6.25e-5,
+    pixel_pitch_sigma=0.015,
 )
-"""The GelSight Mini: 320 x 240 px of 0.0634 mm, as the maker's software (gsrobotics) has them.
+"""The GelSight Mini: 320 x 240 px of 0.0625 mm as measured on real edges; the maker's software (gsrobotics) has 0.0634.
 
 Its gel is flat, and its pad is assumed to end at the border of the image, in edges of 2 mm.
 """

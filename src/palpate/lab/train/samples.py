@@ -17,9 +17,10 @@ from palpate.io import load_recording
 from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
-from palpate.touch.calibration import AS_IT_IS, Calibration, misfit, turned_as
+from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, misfit, turned_as
 from palpate.touch.cells import Image
 from palpate.touch.contact_detector import ContactDetector
+from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import KINDS, difference, reduced
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
@@ -117,11 +118,13 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     images = [_without(is_marked, image(index)) for index in frame.tolist()]
     direction, place, kind = geometry_of(recording, g[frame])
     yaw = g[frame, 2]
-    if calibration:
-        direction = calibration.direction.offset + calibration.direction.scale * direction
+    if calibration or SHOWN not in recording.extra:
+        correction = calibration.direction if calibration else UNCORRECTED
+        factor = angle_factor(None, calibrated(recording.sensor, calibration))
+        direction = (correction.offset + correction.scale * direction) / factor
         for each in np.unique(episode):  # each without a leap at half a turn
-            yaw[episode == each] = calibration.direction.scale * np.unwrap(yaw[episode == each])
-    elif SHOWN in recording.extra:
+            yaw[episode == each] = correction.scale / factor * np.unwrap(yaw[episode == each])
+    else:
         direction = np.asarray(recording.extra[SHOWN][frame], dtype=np.float64)
         if direction.ndim != 1 or not (np.abs(direction) <= np.pi).all():
             raise FileError(f"{name}: extra/{SHOWN} must be an angle [rad] in each frame of a contact, or not there")

@@ -118,7 +118,9 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
     recording = recorded.recording
     first, sigma = first_pose_of(recording, settings.noise)
     touch = None if recorded.measurements is None else _Replayed(recording.time, recorded.measurements)
-    tactile, noise = recorded.tactile or settings.tactile, with_correction(settings.noise, recorded.correction)
+    tactile = recorded.tactile or settings.tactile
+    pitch_sigma = recording.sensor.pixel_pitch_sigma if touch else 0.0
+    noise = with_correction(settings.noise, recorded.correction, pitch_sigma)
     settings = replace(settings, tactile=tactile, noise=noise)
     start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
     tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, **start)
