@@ -109,7 +109,7 @@ def test_every_way_to_feel_tracks(recording, blind, tactile):
     )
     # On one short push the blind tracker may be lucky; it does not know that it is.
     assert yaw_deviation(run) < 0.9 * yaw_deviation(blind)
-    assert run.summary["rotation_rmse_deg"] < 1.0
+    assert run.summary["rotation_rmse_deg"] < 1.2
     assert run.summary["nees_mean"] < 3.0
     assert set(run.summary["statuses"]) <= {"resting", "tracking", "strained"}
 

@@ -114,7 +114,7 @@ def test_images_show_the_contact(replayed):
     assert change[REST:].sum(axis=(1, 2, 3)).min() > 10.0 * change[:REST].sum(axis=(1, 2, 3)).max()
     column = (change[REST + 20].sum(axis=(0, 2)) * np.arange(240)).sum() / change[REST + 20].sum()
     seen = 119.5 + 21e-3 * np.sin(made.extra["shown_angle"][REST + 20]) * 240 / 18.4e-3  # a DIGIT's pad
-    assert column == pytest.approx(seen, abs=25.0)  # shadows shift it
+    assert column == pytest.approx(seen, abs=45.0)  # shadows shift it, and the border cuts off a part
 
 
 def test_short_unknown_truth_is_bridged_and_stays_unknown(replayed):

@@ -94,7 +94,7 @@ class SensorUnit:
         return _arc(z, self.length_radius)
 
     def shown_angle(self, pad_angle: Any) -> Any:
-        """Return the angle (...) [rad] at which a nominal sensor would see a contact that is at pad_angle (...) [rad].
+        """Return the angle (...) [rad] at which a sensor whose image is as wide as its pad would see one at pad_angle.
 
         An image does not reveal the unit's own pitch, offset, roll and radius. A flat gel shows its edges, and the two
         angles are the same.
@@ -119,9 +119,9 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     The gel's radii are those fitted to the published DIGIT mesh: 19.5 to 22 mm across and 87 to 180 mm along for 21 mm.
     A flat gel is flat to a tenth of a millimetre along the pad, and its edges are less or more round.
     """
-    height, width, half_width = profile.image_height, profile.image_width, profile.half_width
+    height, half_width, pitch = profile.image_height, profile.half_width, profile.pixel_pitch
     flat = profile.flat_width
-    if not height or half_width is None or not 0.0 < half_width - 0.5 * flat <= profile.radius:
+    if not height or pitch is None or half_width is None or not 0.0 < half_width - 0.5 * flat <= profile.radius:
         found = f"sensor {profile.name!r} has {height} rows, radius {profile.radius} m and half_width {half_width}"
         raise SettingError(f"{found}; touch images need rows, and a half_width that radius and flat_width reach")
     rng = np.random.default_rng(seed)
@@ -139,12 +139,12 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     colour *= np.where(rng.random((3, 1)) < 0.1, rng.uniform(0.2, 0.6, (3, 1)), 1.0)  # every tenth light is weak
     # A light makes the far side of a round gel glow, which is hollow, and the near side of a flat one.
     kind, glow = (backdrop.FLAT, bearing) if flat else (backdrop.ROUND, math.pi - bearing)
-    illumination = backdrop.draw_illumination(glow, height, width, rng, kind)
+    illumination = backdrop.draw_illumination(glow, height, profile.image_width, rng, kind)
     unit = SensorUnit(
         profile=profile,
         radius=profile.radius * (rng.uniform(0.8, 1.3) if flat else rng.uniform(0.93, 1.045)),
         length_radius=rng.uniform(0.3, 2.0) if flat else profile.radius * rng.uniform(4.15, 8.6),
-        pitch=2.0 * half_width / width * rng.uniform(0.9, 1.02),
+        pitch=pitch / (1.0 + math.sqrt(3.0) * profile.pixel_pitch_sigma * rng.uniform(-1.0, 1.0)),
         offset=tuple(rng.normal(0.0, 3e-4, 2).tolist()),
         roll=float(rng.normal(0.0, math.radians(1.0))),
         flat_width=flat,
