@@ -193,7 +193,7 @@ def test_tables_of_presses_as_people_write_them(tmp_path, unit, header):
     mark = next(each for each in ";\t," if each in header)
     row = mark.join(next(cells[key] for key in cells if key in name.lower()) for name in header.split(mark))
     (tmp_path / "presses.csv").write_text(f"{header}\n{row}\n\n", encoding="utf-8")
-    found = read_presses(tmp_path / "presses.csv", in_order=True)
+    found = read_presses(tmp_path / "presses.csv", sensor=DIGIT)
     assert np.degrees(found.angle).tolist() == [pytest.approx(-2.5)] and found.names == ("a.png",)
 
 
@@ -221,7 +221,8 @@ def test_a_ruler_measures_the_pixel_pitch(tmp_path, narrow, run_palpate, fails):
     assert 0.03 * 18.0 < numbers["px_per_mm_sigma"] < 0.06 * 18.0
     found = load_calibration(out)
     assert found.pixel_pitch == pytest.approx(narrow.pitch, rel=0.05)
-    assert found.direction.scale_sigma == pytest.approx(np.hypot(0.06, found.pixel_pitch_sigma))
+    # With 6 % from a ball to other objects, more in an image whose border cuts off what a side shows.
+    assert np.hypot(0.06, found.pixel_pitch_sigma) < found.direction.scale_sigma < 0.12
     for length, image, said in (
         ("6mm", "one.png", "one.png: found no two imprints of the ruler side by side 6 mm apart"),
         ("13 mm", "two.png", "no two imprints of the ruler side by side 13 mm apart: are they one, or is the length"),
@@ -277,6 +278,8 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, fails):
 
     for text, words in {
         "file,angle_deg\na.png,left\n": "line 2: angle_deg is 'left'",
+        "file,y_mm\na.png,21.5\n": "line 2: y_mm is '21.5'; expected -21 to 21 mm on a round gel",
+        "file,place_mm,angle_deg\na.png,1,2\n": "found the columns place_mm and angle_deg; one of them is needed",
         "file,angle_deg\ngrey.png,3\n": "table.csv: images are grey",
         "image,angle\na.png,3\n": "found the columns image, angle; expected file and angle_deg",
         "file,angle\na.png,3\n": "found the columns file, angle; expected file and angle_deg",

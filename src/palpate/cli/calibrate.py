@@ -95,7 +95,7 @@ def calibrate(
             with in_file(ruler[1]):
                 calibration = with_ruler(calibration, scale, profile)
     else:
-        still, pressed = list(still), read_presses(presses, look, in_order=True)
+        still, pressed = list(still), read_presses(presses, look, profile)
         with in_file(presses):
             if model is None and any(map(is_grey, (*still, *pressed.images))):
                 raise FileError(GREY)

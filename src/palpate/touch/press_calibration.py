@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
 from palpate.files import numbers_of, read_table, table_columns
 from palpate.touch.background import background_of
 from palpate.touch.calibration import (
@@ -47,7 +47,7 @@ FEWEST = 5  # presses that show a line and its scatter
 SPREAD = np.radians(8.0)  # [rad] between least and greatest angle that a model needs, or presses in order
 WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
 _OFFSET, _SCALE = np.radians(2.0), 0.1  # standard deviations of offset [rad] and scale before any press
-_OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball
+_OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball, if the image shows all of both
 _LEFT_OR_RIGHT = 3.0  # log likelihood of one over the other that makes it known
 _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
 _IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
@@ -105,7 +105,7 @@ def with_ruler(calibration: Calibration, ruler: Ruler, sensor: SensorProfile) ->
     image, untouched, length = ruler.image, calibration.background, ruler.length
     if sensor.pixel_pitch is None:
         raise FileError(f"a ruler measures images of a pad, and {sensor.name!r} has none")
-    rows, columns = image.shape[0] // 10, image.shape[1]
+    rows, columns = max(image.shape[0] // 10, 1), image.shape[1]
     if image.shape != untouched.mean.shape:
         sizes = ["{} x {}".format(*each.shape) for each in (image, untouched.mean)]
         raise FileError(f"the ruler's image has {sizes[0]} px, and that of the untouched gel {sizes[1]}")
@@ -131,8 +131,14 @@ def with_ruler(calibration: Calibration, ruler: Ruler, sensor: SensorProfile) ->
     shift = shifts[best] + 0.5 * (before - after) / (before - 2.0 * top + after)
     # Rendered edges are found 2 % too near to each other, and balls 2 to 5 %, as their inner flanks show more.
     pitch, sigma = length / float(1.03 * shift), math.hypot(_RULER[0], _RULER[1] / length)
-    direction = replace(calibration.direction, scale_sigma=math.hypot(_OTHER_OBJECTS, sigma))
-    return replace(calibration, direction=direction, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
+    found = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
+    direction = DirectionCorrection(scale_sigma=math.hypot(_of_objects(calibrated(sensor, found)), sigma))
+    return replace(found, direction=direction)
+
+
+def _of_objects(unit: SensorProfile) -> float:
+    """Return the standard deviation of the scale of objects about that of a ball, with what the border cuts off."""
+    return math.hypot(_OTHER_OBJECTS, angle_factor(None, unit) / unit.shown - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,37 +149,28 @@ class Presses:
     """Each (height, width, 3) RGB."""
     angle: Array
     """Contact direction, (N,) [rad]; see `measurements.ContactDirection`. NaN if only their order is known, from -y to
-    +y, or places."""
+    +y."""
     names: tuple[str, ...]
     """Name of each in messages."""
-    place: Array | None = None
-    """Where on the gel along y, from anywhere, in place of angles, (N,) [m]."""
-
-    def angles(self, sensor: SensorProfile) -> Array | None:
-        """Return the angles (N,) [rad], of places those on the sensor's round gel; None if the order alone is known.
-
-        Raises FileError for places on a gel that is not round, or beyond it.
-        """
-        if self.place is None:
-            return self.angle if np.isfinite(self.angle).all() else None
-        if sensor.flat_width or not np.abs(self.place).max() < sensor.radius:
-            found = f"found places up to {1e3 * np.abs(self.place).max():.3g} mm from the middle"
-            raise FileError(
-                f"{found}; they must be on a round gel, and {sensor.name!r} has a radius of {sensor.radius} m"
-            )
-        return np.arcsin(self.place / sensor.radius)
+    are_relative: bool = False
+    """Angles are from anywhere, not from the middle of the gel."""
 
 
-def read_presses(path: Path, look: Callable[[Path], Image] = read_image, in_order: bool = False) -> Presses:
+def read_presses(
+    path: Path, look: Callable[[Path], Image] = read_image, sensor: SensorProfile | None = None
+) -> Presses:
     """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    `look` reads an image. A table with place_mm in place of angles, or of presses in order with neither, is allowed
-    only with `in_order`.
+    `look` reads an image. With the sensor, places (place_mm or y_mm) may stand for angles, and presses in order need
+    neither.
     """
     column, most, unit = "angle_deg", 90.0, "degrees"
-    if in_order and "place_mm" in table_columns(path):
-        column, most, unit = "place_mm", 100.0, "mm"
-    rows = read_table(path, ("file",) if in_order else ("file", column), column if in_order else "")
+    if sensor and (places := [name for name in table_columns(path) if name in ("place_mm", "y_mm", "angle_deg")]):
+        if len(places) > 1:
+            raise FileError(f"{path}: found the columns {' and '.join(places)}; one of them is needed")
+        if places[0] != column:
+            column, most, unit = places[0], 1e3 * (0.0 if sensor.flat_width else sensor.radius), "mm on a round gel"
+    rows = read_table(path, ("file",) if sensor else ("file", column), column if sensor else "")
     has_numbers = any(number for _, (_, number) in rows)
     numbers, images = np.full(len(rows), np.nan), []
     for index, (line, (name, number)) in enumerate(rows):
@@ -184,10 +181,9 @@ def read_presses(path: Path, look: Callable[[Path], Image] = read_image, in_orde
         if not name.isprintable() or not name:
             raise FileError(f"{path}: line {line}: file is {name!r}; expected the name of an image")
         images.append(look(path.parent / name))
-    is_place = column == "place_mm" and has_numbers
-    angles, place = np.full(len(rows), np.nan), 1e-3 * numbers
-    names = tuple(name for _, (name, _) in rows)
-    return Presses(tuple(images), angles if is_place else np.radians(numbers), names, place if is_place else None)
+    names, are_relative = tuple(name for _, (name, _) in rows), unit != "degrees"
+    angles = np.arcsin(1e-3 * numbers / sensor.radius) if sensor and are_relative else np.radians(numbers)
+    return Presses(tuple(images), angles, names, are_relative)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,8 +232,7 @@ def learn_from_presses(
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
-    angle = presses.angles(sensor)
-    is_measured = angle is not None
+    is_measured = bool(np.isfinite(presses.angle).all())
     if not is_measured and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     height, width = sensor.image_height, sensor.image_width
@@ -249,13 +244,17 @@ def learn_from_presses(
         raise FileError(f"{found} are not those of {sensor.name!r}, {height} x {width} px, in any turn")
     # The likeliest view, by however little: presses tell only left from right for sure, but a simpler view that was
     # nearly as likely would make errors a tenth larger.
-    fits = [_fit(view, presses, angle, untouched, sensor, model, ruler) for view in candidates]
+    fits = [_fit(view, presses, untouched, sensor, model, ruler) for view in candidates]
     log_likelihood, fit = max(fits, key=lambda each: each[0])
     side = _side(fit.calibration.view)
     exchanged = max(found for found, other in fits if _side(other.calibration.view) != side)
     for name, image in zip(presses.names, presses.images, strict=True):
         detector = ContactDetector(sensor, replace(fit.calibration, is_sure=True))
-        if not detector.update(detector.read(image)):
+        try:
+            is_touched = detector.update(detector.read(image))
+        except SettingError as error:
+            raise FileError(f"{name}: {error}; are all presses of the unit whose untouched gel this is?") from error
+        if not is_touched:
             raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")
     if log_likelihood == -math.inf:
         raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
@@ -288,14 +287,13 @@ def _side(view: CameraView) -> int:
 def _fit(
     view: CameraView,
     presses: Presses,
-    given: Array | None,
     untouched: Sequence[Image],
     sensor: SensorProfile,
     model: TouchModel,
     ruler: Ruler | None,
 ) -> tuple[float, PressFit]:
     """Return the log likelihood of the presses in a view, and the calibration that follows."""
-    background, is_measured = background_of(view.of(image) for image in untouched), given is not None
+    background, is_measured = background_of(view.of(image) for image in untouched), np.isfinite(presses.angle).all()
     calibration = Calibration(background, view, is_view_known=True)
     if ruler is not None:
         calibration = with_ruler(calibration, replace(ruler, image=view.of(ruler.image)), sensor)
@@ -303,8 +301,8 @@ def _fit(
     seen = [difference_in_light(view.of(image), mean) for image in presses.images]
     measured, variance = np.array([model.read(each).direction for each in seen]).T
     measured *= angle_factor(model, unit)
-    angle = given if given is not None else np.array([imprint_angle(each, unit) for each in seen])
-    of_offset = _OFFSET if presses.place is None else 1.0  # [rad] places are from anywhere
+    angle = presses.angle if is_measured else np.array([imprint_angle(each, unit) for each in seen])
+    of_offset = 1.0 if presses.are_relative else _OFFSET  # [rad]
     of_scale = math.hypot(_SCALE, unit.pixel_pitch_sigma)
     variance = variance * model.settings.spread["direction"].scale + (_TRUTH if is_measured else _IMPRINT) ** 2
     # measured = offset + scale true, with priors on both.
@@ -319,9 +317,9 @@ def _fit(
     if is_measured:
         inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
         sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * inflation
-        scale_sigma = math.hypot(sigmas[1], _OTHER_OBJECTS)
+        scale_sigma = math.hypot(sigmas[1], _of_objects(unit))
         correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), scale_sigma)
-        if presses.place is not None:
+        if presses.are_relative:
             correction = DirectionCorrection(scale=float(scale), scale_sigma=scale_sigma)
     else:
         ranks = np.argsort(np.argsort(angle))
