@@ -222,6 +222,7 @@ def test_a_ruler_measures_the_pixel_pitch(tmp_path, narrow, run_palpate, fails):
     found = load_calibration(out)
     assert found.pixel_pitch == pytest.approx(narrow.pitch, rel=0.05)
     # With 6 % from a ball to other objects, more in an image whose border cuts off what a side shows.
+    assert found.direction.scale_sigma is not None
     assert np.hypot(0.06, found.pixel_pitch_sigma) < found.direction.scale_sigma < 0.15
     for length, image, said in (
         ("6mm", "one.png", "one.png: found no two imprints of the ruler side by side 6 mm apart"),
