@@ -12,6 +12,7 @@ import palpate
 from palpate import GELSIGHT_MINI, POINT, Background, Calibration, ContactDirection, FileError, Frame, TouchModel, Turn
 from palpate.lab.simulate.gel import render
 from palpate.lab.simulate.unit import draw_unit
+from palpate.lab.train.samples import difference
 from palpate.touch.calibration import DirectionCorrection
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import (
@@ -21,7 +22,6 @@ from palpate.touch.touch_model import (
     SHIPPED_OF,
     Spread,
     TouchReading,
-    difference,
     fingerprint,
     reduced,
     shipped_model,

@@ -28,7 +28,7 @@ ROWS, COLUMNS = 32, 128
 """Size of a difference. Imprints of upright objects stand along the rows, and their yaw shows across the columns, down
 to the shading beside a corner's line of a millimetre: so columns are finer."""
 _LIGHT_COLUMNS = 32  # enough to find the light
-_LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
+LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
 
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
 """Kinds of contact that training tells apart."""
@@ -46,15 +46,13 @@ def reduced(image: NDArray[np.uint8] | Difference) -> Difference:
     return np.rint(means) if image.dtype == np.uint8 else means  # rounded as in training
 
 
-def difference(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
-    """Return the difference (ROWS, COLUMNS, 3) of an image (height, width, 3) from the background's reduced mean."""
-    return (reduced(image) - reduced_mean) / np.float32(_LEVELS)
-
-
 def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
-    """Return the same with the background in the light of the image, which may have changed."""
+    """Return the difference (ROWS, COLUMNS, 3) of an image (height, width, 3) from the background's reduced mean.
+
+    The background is taken in the light of the image, which may have changed.
+    """
     change = change_in_light(reduced(image), reduced_mean, _LIGHT_COLUMNS)
-    change /= np.float32(_LEVELS)
+    change /= np.float32(LEVELS)
     return change
 
 

@@ -21,7 +21,7 @@ from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibr
 from palpate.touch.cells import Image
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import angle_factor
-from palpate.touch.touch_model import KINDS, difference, reduced
+from palpate.touch.touch_model import KINDS, LEVELS, Difference, reduced
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
@@ -62,6 +62,14 @@ class Samples:
     def of(self, chosen: NDArray[np.bool_] | Indices) -> "Samples":
         """Return some of the samples."""
         return Samples(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+
+def difference(image: Image, reduced_mean: Difference) -> Difference:
+    """Return what networks learn from: the difference (ROWS, COLUMNS, 3) of an image from a background's reduced mean.
+
+    It is not taken in the light of the image: changes of light are drawn in training.
+    """
+    return (reduced(image) - reduced_mean) / np.float32(LEVELS)
 
 
 def read_samples(

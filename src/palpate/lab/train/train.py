@@ -19,7 +19,7 @@ from palpate.lab.parallel import held_folder
 from palpate.lab.train.augment import Batch, draw_groups, varied_batch
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
 from palpate.lab.train.networks import TouchNetwork, exported, restore
-from palpate.lab.train.samples import Samples, read_samples
+from palpate.lab.train.samples import Samples, difference, read_samples
 from palpate.lab.train.scores import errors_of, judge, measure_spread
 from palpate.touch.calibration import Calibration
 from palpate.touch.press_calibration import Presses, check_alike, check_spread
@@ -29,7 +29,6 @@ from palpate.touch.touch_model import (
     ModelSettings,
     Spread,
     TouchModel,
-    difference,
     reduced,
     write_model,
 )
