@@ -217,8 +217,8 @@ def test_a_ruler_measures_the_pixel_pitch(tmp_path, narrow, run_palpate, fails):
     out = tmp_path / "unit.npz"
     words = "calibrate", "--untouched", tmp_path / "still.png", "--out", out, "--ruler"
     numbers = json.loads(run_palpate(*words, "6mm", tmp_path / "two.png", "--json")[1])
-    assert numbers["px_per_mm"] == pytest.approx(18.0, rel=0.05)
-    assert 0.03 * 18.0 < numbers["px_per_mm_sigma"] < 0.06 * 18.0
+    assert numbers["pixel_pitch_mm"] == pytest.approx(1.0 / 18.0, rel=0.05)
+    assert 0.03 / 18.0 < numbers["pixel_pitch_sigma_mm"] < 0.06 / 18.0
     found = load_calibration(out)
     assert found.pixel_pitch == pytest.approx(narrow.pitch, rel=0.05)
     # With 6 % from a ball to other objects, more in an image whose border cuts off what a side shows.
@@ -246,12 +246,14 @@ def test_places_measure_the_scale_however_narrow_and_a_ruler_goes_with_them(tmp_
     (tmp_path / "presses.csv").write_text("\n".join(["file,place_mm", *rows]))
     words = "calibrate", "--presses", tmp_path / "presses.csv", "--untouched", tmp_path / "still.png", "--force"
     plain = json.loads(run_palpate(*words, "--out", tmp_path / "a.npz", "--json")[1])
-    assert plain["scale"] == pytest.approx(18.0 / 16.0, abs=0.1) and plain["px_per_mm"] is None
+    assert plain["scale"] == pytest.approx(18.0 / 16.0, abs=0.1) and plain["pixel_pitch_mm"] is None
     assert plain["offset_sigma_deg"] is None and 0.06 < plain["scale_sigma"] < 0.2
     ruled = json.loads(
         run_palpate(*words, "--out", tmp_path / "b.npz", "--ruler", "6mm", tmp_path / "two.png", "--json")[1]
     )
-    assert ruled["scale"] == pytest.approx(1.05, abs=0.1) and ruled["px_per_mm"] == pytest.approx(18.0, rel=0.05)
+    assert ruled["scale"] == pytest.approx(1.05, abs=0.1) and ruled["pixel_pitch_mm"] == pytest.approx(
+        1.0 / 18.0, rel=0.05
+    )
 
 
 @pytest.mark.parametrize("in_order", [False, True])

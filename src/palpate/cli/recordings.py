@@ -117,8 +117,8 @@ def about_calibration(calibration: "Calibration") -> dict[str, Any]:
         "noise_levels": float(np.median(gel.deviation)) if gel.deviation.any() else None,  # a single image has none
         "view": str(calibration.view),
         "is_view_measured": calibration.is_view_known,
-        "px_per_mm": 1e-3 / pitch if pitch else None,
-        "px_per_mm_sigma": 1e-3 / pitch * calibration.pixel_pitch_sigma if pitch else None,
+        "pixel_pitch_mm": 1e3 * pitch if pitch else None,
+        "pixel_pitch_sigma_mm": 1e3 * pitch * calibration.pixel_pitch_sigma if pitch else None,
         "offset_deg": degrees(direction.offset),
         "offset_sigma_deg": degrees(direction.offset_sigma) if direction.offset_sigma is not None else None,
         "scale": direction.scale,
