@@ -25,9 +25,9 @@ def settings(
     tactile: Any = "oracle",
     smoother: Any = "fixed-lag",
     noise: NoiseSettings | None = None,
-    hypotheses: int = TrackerSettings.hypotheses,
+    **more: Any,
 ) -> TrackerSettings:
-    return TrackerSettings(tactile, smoother, noise or CALIBRATED, hypotheses=hypotheses)
+    return TrackerSettings(tactile, smoother, noise or CALIBRATED, **more)
 
 
 def track(name: str, seen: list[Frame], first: Array, how: TrackerSettings, radius: float = RADIUS):

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import FARTHEST
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.geometry.se2 import Sigmas
@@ -228,6 +229,13 @@ class TrackerSettings:
     """Noise of all factors."""
     hypotheses: int = 9
     """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
+    disturbance_rate: float = 5.5
+    """Rate at which something else moves the object while it is touched [1/s]. A low rate makes `ambiguous` rare where
+    nobody disturbs, and lets one that is hard to notice pass."""
+    tolerance: tuple[float, float] = (0.01, 0.105)
+    """Largest error of position [m] and yaw [rad] of a pose that is good enough, at two standard deviations: a worse
+    one is `uncertain`, and one with a likely alternative beyond it `ambiguous`. The default is 10 mm and 6 degrees,
+    as an object placed by hand has. The yaw of a round object does not count."""
 
     def __post_init__(self) -> None:
         for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):
@@ -235,6 +243,13 @@ class TrackerSettings:
                 raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
         if not isinstance(self.noise, NoiseSettings):
             raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
+        for name, count, most in (("disturbance_rate", (), 10.0), ("tolerance", (2,), FARTHEST)):
+            numbers = finite_numbers(getattr(self, name), count)
+            if numbers is None or not ((numbers > 0.0) & (numbers <= most)).all():
+                allowed = (
+                    "two numbers above 0: a length [m] and an angle [rad]" if count else "a rate above 0, up to 10/s"
+                )
+                raise SettingError(f"{name} is {getattr(self, name)!r}; allowed are {allowed}")
         if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is a whole number from 1 on")
         # NumPy's numbers cannot be written as JSON.

@@ -78,16 +78,12 @@ class Tracker:
         self._gate = InputGate(sensor, calibration, settings.noise.sensor_pose.deviation)
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
+        correction = calibration.direction if calibration else UNCORRECTED
+        pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
         self._bank = HypothesisBank(
             contact_model(shape, sensor),
-            with_correction(
-                settings.noise,
-                calibration.direction if calibration else UNCORRECTED,
-                0.0 if self._is_touch_given else sensor.pixel_pitch_sigma,
-            ),
-            settings.smoother,
+            replace(settings, noise=with_correction(settings.noise, correction, pitch_sigma)),
             *self._first,
-            settings.hypotheses,
             may_be_mirrored=not (is_view_known or self._is_touch_given),
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
@@ -234,7 +230,7 @@ def warm_up() -> None:
     """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
     if not is_cached(gauss_newton.improve):
         logger.warning("compiling the estimator: once for this version, some 20 s")
-    bank = HypothesisBank(contact_model(Disc(0.05), POINT), NoiseSettings(), "fixed-lag", np.zeros(3), 1e-4 * np.eye(3))
+    bank = HypothesisBank(contact_model(Disc(0.05), POINT), TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
     touch = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
     for step in range(LAG + 3):
         bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), touch, step / 30.0)

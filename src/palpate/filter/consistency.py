@@ -5,8 +5,8 @@
 - Disturbance: they contradict each other so clearly that something else may have moved the object.
 - Contradiction: measured poses of the object are far from its estimate, or put its outline far from the contact.
 - Displacement: the sensor is inside the untouched object's outline, or touches the object far from its outline.
-- Ambiguity: several hypotheses are likely and far apart.
-- Uncertainty: the covariance is too large for a linearised one to be reliable.
+- Ambiguity: another hypothesis is likely and farther from the best than the tolerance.
+- Uncertainty: the pose is known worse than the tolerance.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,6 @@ _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand
 _FOUND = np.square([0.005, 0.005, 0.1])  # [m^2, m^2, rad^2] variances at which a displaced object is found again
 _ALONG = np.linspace(-1.0, 1.0, 7)  # places along the outline where directions are compared, over the likely length
 _UNCERTAIN = np.square([0.02, 0.02, 0.2])  # [m^2, m^2, rad^2] variances too large to be reliable
-_APART = np.array([0.01, 0.01, 0.09])  # [m, m, rad] distance between ambiguous poses
 _CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
 _SEVERAL = 3  # of the last frames from which a contradiction counts: a single one may be an error
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
@@ -71,8 +70,9 @@ def test_innovations(rows: Hypotheses, inconsistency: Array) -> None:
 class ConsistencyMonitor:
     """The tests, for one object and sensor. Those named `test_...` write their results to the hypotheses."""
 
-    def __init__(self, model: ContactModel, settings: NoiseSettings) -> None:
+    def __init__(self, model: ContactModel, settings: NoiseSettings, tolerance: tuple[float, float]) -> None:
         self._model, self._contact_deviation = model, settings.contact.deviation
+        self._tolerance = tolerance  # of position [m] and yaw [rad]
         self._calibration = np.diag(np.square(settings.sensor_pose.calibration))
 
     def clearance(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
@@ -154,16 +154,38 @@ class ConsistencyMonitor:
             status = "strained"
         elif rows.displacement[0] and ((known[0].diagonal() > _FOUND).any() or not in_contact):
             status = "displaced"
-        elif is_uncertain(covariance[0]):
-            status = "uncertain"
         elif in_contact and rows.inconsistency[0] > 1.0:
             status = "strained"
         if not in_contact:
             covariance = covariance + self.displacement_covariance(rows)
-        if len(covariance) == 1:
-            return covariance[0], covariance, status, reason
-        joint, ambiguity = _joint(rows.belief.pose, covariance, rows.weight)
-        return joint, covariance, status if ambiguity is None else "ambiguous", reason or ambiguity or ""
+        joint, ambiguity = covariance[0], ""
+        if len(covariance) > 1:
+            joint, ambiguity = self._joint(rows.belief.pose, covariance, rows.weight)
+        length, angle = self._tolerance
+        x, y, yaw = np.sqrt(joint.diagonal()).tolist()
+        if ambiguity:
+            status, reason = "ambiguous", reason or ambiguity
+        elif not reason and status != "displaced" and (2.0 * max(x, y) > length or 2.0 * yaw > angle):
+            reason = f"the pose is known to {2e3 * max(x, y):.0f} mm and {np.degrees(2.0 * yaw):.0f} degrees at 95 %"
+            status = "uncertain"
+        return joint, covariance, status, reason
+
+    def _joint(self, poses: Array, covariances: Array, weights: Array) -> tuple[Array, str]:
+        """Return the covariance (3, 3) of all hypotheses about the best, in its body frame, and any ambiguity in words.
+
+        They are ambiguous if another one is likely and farther from the best than the tolerance.
+        """
+        from_best = se2.log(se2.between(poses[0], poses))
+        around = covariances + from_best[:, :, None] * from_best[:, None, :]
+        joint = np.sum(weights[:, None, None] * around, axis=0)
+        apart, turned = np.hypot(from_best[:, 0], from_best[:, 1]), np.abs(from_best[:, 2])
+        is_far = (apart > self._tolerance[0]) | (turned > self._tolerance[1])
+        if not ((weights > LIKELY) & is_far).any():
+            return joint, ""
+        some = weights > 0.0
+        far, degrees = 1e3 * apart[some].max(), np.degrees(turned[some].max())
+        words = f"{np.count_nonzero(some)} poses up to {far:.0f} mm and {degrees:.0f} degrees from the best"
+        return joint, f"{words} fit what was measured"
 
     def displacement_covariance(self, rows: Hypotheses) -> Array:
         """Return the covariance (B, 3, 3) of a displacement: twice its size, since a gap shows one direction of it."""
@@ -193,26 +215,9 @@ class ConsistencyMonitor:
         return np.where(off > _SURPRISE * deviation, off, 0.0)
 
 
-def is_uncertain(covariance: Array) -> Flags:
+def is_unreliable(covariance: Array) -> Flags:
     """Return True (...) where covariances (..., 3, 3) of the object's pose are too large to be reliable."""
     return np.asarray((covariance.diagonal(axis1=-2, axis2=-1) > _UNCERTAIN).any(axis=-1))
-
-
-def _joint(poses: Array, covariances: Array, weights: Array) -> tuple[Array, str | None]:
-    """Return the covariance (3, 3) of all hypotheses about the best, in its body frame, and their ambiguity in words.
-
-    They are ambiguous if another one is likely and far from the best, or if all together are spread out.
-    """
-    from_best = se2.log(se2.between(poses[0], poses))
-    around = covariances + from_best[:, :, None] * from_best[:, None, :]
-    joint = np.sum(weights[:, None, None] * around, axis=0)
-    is_far = (np.abs(from_best) > _APART).any(axis=1)
-    is_spread = (np.diagonal(joint) > _APART**2).any()
-    if np.count_nonzero(weights) < 2 or not (is_spread or ((weights > LIKELY) & is_far).any()):
-        return joint, None
-    apart = np.abs(from_best[weights > 0.0])
-    far, turned = 1e3 * np.hypot(apart[:, 0], apart[:, 1]).max(), np.degrees(apart[:, 2].max())
-    return joint, f"{len(apart)} poses up to {far:.0f} mm and {turned:.0f} degrees from the best fit what was measured"
 
 
 def _with_frame(apart: Array, kind: int, distance: Array, deviations: Array) -> Array:

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.filter.consistency import is_uncertain
+from palpate.filter.consistency import is_unreliable
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, Step, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
@@ -19,8 +19,8 @@ from palpate.graph.compiled import Array, Complex, Flags, Integers
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.variables import DEPTH, OUTLINE_SCALE
 
-LOG_UNLIKELY = 1.0
-"""Log of the odds that nothing else moved the object against that something did."""
+_LOG_UNLIKELY = 1.0
+"""Log of the odds that the object lies where it was left against another place, where a belief about it is rough."""
 _IMPOSSIBLE = 12.0  # largest cost of a contact where the object is not [log]
 _SPACING, _TURN = 0.015, np.radians(18.0)  # [m], [rad] of the normal, from place to place
 _PLACE = np.diag(np.square([0.003, 0.01, np.radians(9.0)]))  # [m, m, rad] along the normal, along the outline, yaw
@@ -60,11 +60,11 @@ def contact_hypotheses(
     is_new = stays if was_found else np.ones_like(stays)
     stayed = replace(stayed, weight=np.where(is_new, 1.0, rows.weight), age=np.where(is_new, 0, rows.age))
     # One graph cannot find an object from too far.
-    is_hopeless = rough & has_places & ~is_displaced & is_uncertain(displaced.pose_covariance) & (not was_found)
+    is_hopeless = rough & has_places & ~is_displaced & is_unreliable(displaced.pose_covariance) & (not was_found)
     places = replace(
         rows.take(origin),
         belief=poses,
-        log_prior=rows.log_prior[origin] + likely - LOG_UNLIKELY,
+        log_prior=rows.log_prior[origin] + likely - _LOG_UNLIKELY,
         weight=np.ones(len(likely)),
         age=np.zeros_like(origin),
         disturbed_steps_left=np.full_like(origin, AHEAD + 1),  # pushing is ignored in their first steps

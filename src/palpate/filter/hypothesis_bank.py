@@ -15,10 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.config import NoiseSettings, SmootherName
+from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations
-from palpate.filter.contact_hypotheses import LOG_UNLIKELY, contact_hypotheses, is_rough, is_round, outline_places
+from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
 from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, Step, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.geometry import se2
@@ -54,18 +54,19 @@ class HypothesisBank:
     def __init__(
         self,
         model: ContactModel,
-        settings: NoiseSettings,
-        smoother: SmootherName,
+        settings: TrackerSettings,
         first_pose: Array,
         first_covariance: Array,
-        most: int = 9,
         may_be_mirrored: bool = False,
     ) -> None:
-        """Take the first world_T_object (3,) and its covariance (3, 3), and the largest number of hypotheses."""
-        self._model, self._settings, self._most = model, settings, most
-        self._factors = make_factors(settings, model)
-        self._lag = LAG if smoother == "fixed-lag" else 2**62
-        self._monitor = ConsistencyMonitor(model, settings)
+        """Take the first world_T_object (3,) and its covariance (3, 3)."""
+        self._model, self._settings, self._most = model, settings.noise, settings.hypotheses
+        self._rate = settings.disturbance_rate
+        self._factors = make_factors(settings.noise, model)
+        self._lag = LAG if settings.smoother == "fixed-lag" else 2**62
+        length, angle = settings.tolerance
+        tolerance = (length, math.inf if is_round(model) else angle)  # a round object looks alike at every yaw
+        self._monitor = ConsistencyMonitor(model, settings.noise, tolerance)
         self._is_right: dict[type, bool] = {}  # classes of own measurements: True if their Jacobian is right
         self._may_be_mirrored = may_be_mirrored
         self.is_mirrored = False
@@ -322,7 +323,8 @@ class HypothesisBank:
         rows, is_new = self._rows, np.arange(count + len(new)) >= count
         moved = window.belief().take(new)
         rows.belief = rows.belief.take(~is_new).joined(moved)
-        rows.log_prior = rows.log_prior - LOG_UNLIKELY * is_new
+        meanwhile = self._times[-1] - self._times[-1 - steps]  # [s]
+        rows.log_prior = rows.log_prior + is_new * math.log(self._rate * meanwhile / len(new))
         rows.weight, rows.age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
         rows.disturbed_steps_left[count:] = AHEAD
         rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD

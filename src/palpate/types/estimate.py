@@ -15,7 +15,7 @@ REASONS: dict[Status, str] = {
     "tracking": "",
     "ambiguous": "several poses fit what was measured",
     "strained": "touch and pushing contradict each other, or did before",
-    "uncertain": "the covariance is too large to be reliable",
+    "uncertain": "the pose is known worse than the tolerance",
     "displaced": "the object was moved while nothing touched it",
     "indeterminate": "the graph had no solution and began anew",
     "faulty": "implausible input",
