@@ -38,7 +38,7 @@ def test_a_disc_without_touch_does_not_end_the_run(smoother):
     # A disc looks alike at every yaw, so that its yaw does not make the pose uncertain; its position does.
     unknown = [2.0 * math.sqrt(estimate.covariance.diagonal()[:2].max()) > 0.01 for estimate in found]
     assert statuses(found) == ["uncertain" if far else "tracking" for far in unknown]
-    assert deviation[~np.array(unknown)].max() > 0.2
+    assert 2.0 * deviation[~np.array(unknown)].max() > TrackerSettings().tolerance[1]
     assert len(tracker.smoothed()) == 450
     # Noise-free all the same, as long as a linearised yaw means anything.
     error = translation_errors(poses(found), o)
