@@ -74,7 +74,6 @@ def tiny_recording(n: int = 5, **changes: Any) -> Any:
         "object_pose": truth,
         "contact": np.arange(n) > 1,
         "image": tuple(encoded(image) for image in tiny_images(n)),
-        "contact_derived": True,
         "source": "a test, with ünicode",
         "first_pose": np.array([0.1, -0.2, 3.0]),
         "first_pose_sigma": np.array([0.01, 0.02, 0.3]),

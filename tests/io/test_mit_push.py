@@ -48,7 +48,7 @@ def test_mit_is_read(tmp_path, name):
     centers = se2.transform(found.sensor_pose[:, None], found.sensor.centers)[:, 0]
     np.testing.assert_allclose(centers[:, 0], 0.3, atol=1e-12)
     np.testing.assert_allclose(centers[:, 1], found.time * 0.05, atol=1e-12)
-    assert found.contact is not None and found.contact.all() and found.contact_derived
+    assert found.contact is not None and found.contact.all()
     assert found.object_pose is not None and not np.isnan(found.object_pose).any()
 
 

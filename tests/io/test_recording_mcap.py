@@ -55,7 +55,7 @@ def same(found: Recording, wanted: Recording, count: int | None = None) -> None:
             assert one.tobytes() == rows.tobytes() and one.dtype == rows.dtype, name
     images = None if found.image is None else tuple(found.image)
     assert images == (None if wanted.image is None else wanted.image[:count])
-    for name in ("shape", "sensor", "contact_derived", "source"):
+    for name in ("shape", "sensor", "source"):
         assert getattr(found, name) == getattr(wanted, name), name
     assert found.extra.keys() == wanted.extra.keys()
     for name, value in wanted.extra.items():

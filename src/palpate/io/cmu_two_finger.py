@@ -78,7 +78,6 @@ def read_cmu_log(path: Path) -> Recording:
             sensor=HAND,
             object_pose=truth,
             contact=_contacts(is_new, sensor_pose, HAND.gaps(sensor_pose, truth, RECTANGLE)),
-            contact_derived=True,
             source=f"CMU PlanarManipulationToolBox, {path.name}",
             file=path,
         )

@@ -75,7 +75,6 @@ def _recording(data: dict[str, Any], path: Path) -> Recording:
         sensor=TIP,
         object_pose=pose[keep],
         contact=_contact(gap[keep]),
-        contact_derived=True,
         source=f"MIT cpush, {path.name}, read at {TIP.rate:g} Hz",
         file=path,
     )

@@ -61,7 +61,6 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     poses = {name: getattr(recording, name) for name in (*stated, "set_up_sigma")}
     about = {
         "source": recording.source,
-        "contact_derived": json.dumps(recording.contact_derived),
         **{name: json.dumps(value.tolist()) for name, value in poses.items() if value is not None},
     }
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
@@ -110,16 +109,6 @@ def read_recording(path: Path | str) -> Recording:
         raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
 
 
-def source_of(path: Path) -> str:
-    """Return the source of a recording that is whole. Raises FileError where it is damaged or cut off."""
-    try:
-        for _ in mcap_messages(path):
-            pass
-    except CutShort as error:
-        raise FileError(str(error)) from error
-    return front_matter(path)[0].get(METADATA, {}).get("source", "")
-
-
 def _array(name: str, data: bytes) -> NDArray[Any]:
     try:
         return np.load(io.BytesIO(data), allow_pickle=False)
@@ -148,7 +137,6 @@ def _from_arrays(
         shape=shape,
         sensor=sensor,
         image=images[:count] or None,
-        contact_derived=about.get("contact_derived") == "true",
         source=about.get("source", ""),
         extra={name[6:]: value[:count] for name, value in arrays.items() if name.startswith("extra/")},
         file=path,

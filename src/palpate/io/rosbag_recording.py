@@ -29,7 +29,7 @@ from palpate.io.ros_messages import (
     stamp_of,
 )
 from palpate.io.rosbag_reader import Contents, Topic, bag_messages, contents
-from palpate.types.from_arrays import nanoseconds
+from palpate.types.from_arrays import nanoseconds, planar_recording
 from palpate.types.images import camera_view, decode_image, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
@@ -41,7 +41,6 @@ from palpate.types.space import (
     always,
     at_times,
     checked_choices,
-    in_plane,
     on_the_gel,
     pose_numbers,
     poses_in_time,
@@ -375,25 +374,28 @@ def _recording(
         if (other := streams.frame(chosen.object)) != frame:
             raise FileError(f"poses of the sensor are given in frame {frame!r}, those of the object in {other!r}")
         truth = f"the object ({chosen.object.name})", streams.placed(chosen.object, time)
-    of_sensor = f"the sensor ({chosen.sensor.name})", placed
-    motion = in_plane(str(found.path), frame, time, of_sensor, truth, choices.plane, choices.off_plane, flags)
     sources = [
         chosen.images or choices.image_times,
         chosen.sensor.name,
         *([chosen.object.name] if chosen.object else []),
     ]
-    recording = Recording(
-        time=time[motion.keep] / 1e9,
-        sensor_pose=motion.sensor_pose,
+    recording, plane = planar_recording(
+        str(found.path),
+        frame,
+        time,
+        (f"the sensor ({chosen.sensor.name})", placed),
+        truth,
+        choices.plane,
+        choices.off_plane,
+        touching=flags,
+        images=None if streams.flags else lambda indices: [streams.images[stamp] for stamp in stamps[indices].tolist()],
+        contact=flags if streams.flags else None,
         shape=shape,
         sensor=sensor,
-        object_pose=motion.object_pose,
-        contact=flags[motion.keep] if streams.flags and flags is not None else None,
-        image=None if streams.flags else [streams.images[stamp] for stamp in stamps[motion.keep].tolist()],
         source=f"bag {found.path.name}: {', '.join(map(str, sources))}",
         file=found.path,
     )
-    return BagReading(recording, motion.plane)
+    return BagReading(recording, plane)
 
 
 def _listed_images(table: Path | str, folder: str | None) -> list[tuple[int, Path]]:

@@ -20,7 +20,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     """Return the contents of a recording and everything that is wrong with it. Decodes every image.
 
     - frames, duration_s, rate_hz by the median interval, jitter_s: standard deviation of intervals without gaps.
-    - contact: measured, derived (from ground truth and geometry) or absent; contact_share, truth_share: of the frames.
+    - contact: known or absent; contact_share, truth_share: of the frames.
     - contacts: start_s and end_s of each contact, since the first frame.
     - images: number of frames with an image; image_size: rows and columns [px].
     - findings: kind (rate, unit, time gap or image), start_s, end_s and sentence.
@@ -37,7 +37,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "duration_s": float(time[-1] - time[0]),
         "rate_hz": float(1.0 / np.median(step)) if len(step) else None,
         "jitter_s": float(np.std(regular)) if len(regular) else None,
-        "contact": "absent" if contact is None else "derived" if recording.contact_derived else "measured",
+        "contact": "absent" if contact is None else "known",
         "contact_share": None if contact is None else float(np.mean(contact)),
         "truth_share": 0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),

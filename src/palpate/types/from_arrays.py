@@ -1,6 +1,7 @@
-"""Times, poses and images in the forms that `Recording.from_arrays` takes them."""
+"""Times, poses and images in the forms that `Recording.from_arrays` takes them, and recordings of poses in space."""
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,22 @@ from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_t
 from palpate.errors import FileError
 from palpate.files import existing_file, in_file
 from palpate.types.images import Codec, camera_view, codec_of, decode_image, encode_image, fitted, turned_image
-from palpate.types.space import STEEPEST, Placed, Plane, Times, at_times, pose_numbers, poses_in_time, rotations
+from palpate.types.recording import Recording
+from palpate.types.space import (
+    STEEPEST,
+    Normal,
+    Placed,
+    Plane,
+    Times,
+    at_times,
+    chosen_plane,
+    in_plane,
+    pose_numbers,
+    poses_in_time,
+    rotations,
+)
+
+logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -99,3 +115,51 @@ def check_upright(sensor: Placed, plane: Plane) -> None:
             f"poses: the sensor's z axis is up to {np.degrees(roll):.0f} degrees off the plane's normal, allowed are "
             f"{np.degrees(STEEPEST):.0f}: is w the last of each quaternion?"
         )
+
+
+def planar_recording(
+    what: str,
+    frame: str,
+    time: Times,
+    poses: tuple[str, Placed],
+    truth: tuple[str, Placed] | None,
+    normal: Normal,
+    off_plane: float,
+    touching: NDArray[np.bool_] | None,
+    images: Callable[[list[int]], Sequence[bytes]] | None,
+    contact: NDArray[np.bool_] | None,
+    **fields: Any,
+) -> tuple[Recording, Plane]:
+    """Return frames at times (N,) [ns] as a recording in a plane; a warning says how many without pose are left out.
+
+    The plane that fits is that of frames in which `touching` is true, where that is known. Poses of the sensor and
+    truth have their names in errors, `what` is that of the recording; `images` returns those of some frames. Raises
+    FileError.
+    """
+    name, placed = poses
+    keep, object_pose = placed.known, None
+    if not keep.any():
+        raise FileError(
+            f"no sensor pose is known at the time of any image, {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; are "
+            "both by one clock, and is time_offset in seconds?"
+        )
+    if left_out := np.count_nonzero(~keep):
+        words = "%s: %d of %d images have no sensor pose at their time and are left out"
+        logger.warning(words, what, left_out, len(time))
+    in_contact = keep if normal != "fit" or touching is None else keep & touching
+    plane = chosen_plane(what, normal, frame, placed[in_contact if in_contact.any() else keep])
+    sensor_pose = in_plane(name, plane, time[keep], placed[keep], off_plane)
+    if truth is not None:
+        known = truth[1].known & keep
+        object_pose = np.full((len(time), 3), np.nan)
+        object_pose[known] = in_plane(truth[0], plane, time[known], truth[1][known], off_plane)
+        object_pose = object_pose[keep]
+    recording = Recording(
+        time=time[keep] / 1e9,
+        sensor_pose=sensor_pose,
+        object_pose=object_pose,
+        contact=None if contact is None else contact[keep],
+        image=None if images is None else images(np.flatnonzero(keep).tolist()),
+        **fields,
+    )
+    return recording, plane

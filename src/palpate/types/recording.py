@@ -55,8 +55,6 @@ class Recording:
     """N encoded touch images; iterating over the recording decodes them one by one"""
     source: str = ""
     """origin of the data, for people"""
-    contact_derived: bool = False
-    """the contact flags were computed from ground truth and geometry, not sensed"""
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
     """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
     first_pose: Array | None = None
@@ -161,8 +159,8 @@ class Recording:
         - contact: (N,) True for each image in which the sensor touches the object.
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
-        from palpate.types.from_arrays import check_upright, encoded_images, nanoseconds, placed_poses
-        from palpate.types.space import checked_choices, in_plane, on_the_gel
+        from palpate.types.from_arrays import check_upright, encoded_images, nanoseconds, placed_poses, planar_recording
+        from palpate.types.space import checked_choices, on_the_gel
 
         plane, sensor = checked_choices(plane, off_plane, time_offset), known_sensor(sensor)
         if not isinstance(shape, Shape):
@@ -188,21 +186,26 @@ class Recording:
         if known.dtype.kind != "f" or not np.isnan(known).all():
             seen = (pose_time if object_time is None else object_time, known)
             truth = "the object (object_poses)", placed_poses("object_poses", "object_time", seen, time, True)
-        motion = in_plane("from_arrays", "world", time, ("the sensor (poses)", placed), truth, plane, off_plane, flags)
-        check_upright(placed[motion.keep], motion.plane)
-        if given is not None:
-            size = sensor.image_height, sensor.image_width
-            given = encoded_images(given, np.flatnonzero(motion.keep).tolist(), codec, size, orientation)
-        return cls(
-            time=time[motion.keep] / 1e9,
-            sensor_pose=motion.sensor_pose,
+        size = sensor.image_height, sensor.image_width
+        recording, motion_plane = planar_recording(
+            "from_arrays",
+            "world",
+            time,
+            ("the sensor (poses)", placed),
+            truth,
+            plane,
+            off_plane,
+            touching=flags,
+            images=None
+            if given is None
+            else (lambda indices: encoded_images(given, indices, codec, size, orientation)),
+            contact=flags,
             shape=shape,
             sensor=sensor,
-            object_pose=motion.object_pose,
-            contact=None if flags is None else flags[motion.keep],
-            image=given,
             source=source,
         )
+        check_upright(placed[placed.known], motion_plane)
+        return recording
 
     def oriented(self, orientation: str) -> "Recording":
         """Return the recording with its images turned; see `from_arrays`. Raises FileError and SettingError."""

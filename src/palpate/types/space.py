@@ -7,7 +7,7 @@ axis as the normal, poses in the plane have the x and y of the frame.
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -239,7 +239,7 @@ def checked_choices(plane: Normal, off_plane: float, time_offset: float) -> Norm
     return "fit" if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
 
 
-def _chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
+def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
     """Return the plane of a normal, or the one that fits the sensor's path, with a warning that states it.
 
     `what` names the recording in warnings. Raises FileError where there is no such plane.
@@ -257,54 +257,6 @@ def _chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plan
             what,
         )
     return plane
-
-
-class PlanarMotion(NamedTuple):
-    """Motion of a sensor and an object in a plane."""
-
-    keep: NDArray[np.bool_]
-    """(N,) true at the times at which the sensor's pose is known."""
-    plane: Plane
-    sensor_pose: Array
-    """At these times (K, 3) [m, m, rad]."""
-    object_pose: Array | None
-    """Likewise, NaN where it is unknown."""
-
-
-def in_plane(
-    what: str,
-    frame: str,
-    time: Times,
-    sensor: tuple[str, Placed],
-    truth: tuple[str, Placed] | None,
-    normal: Normal,
-    off_plane: float,
-    contact: NDArray[np.bool_] | None = None,
-) -> PlanarMotion:
-    """Return the motion in a plane at the times of images (N,) [ns]; a warning says how many have no pose.
-
-    The plane that fits is that of frames in contact (N,), where these are known. Sensor and truth have their names in
-    errors, `what` is that of the recording. Raises FileError.
-    """
-    keep = sensor[1].known
-    if not keep.any():
-        raise FileError(
-            f"no sensor pose is known at the time of any image, {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; are "
-            "both by one clock, and is time_offset in seconds?"
-        )
-    if left_out := int(np.count_nonzero(~keep)):
-        logger.warning(
-            "%s: %d of %d images have no sensor pose at their time and are left out", what, left_out, len(time)
-        )
-    name, placed, time = sensor[0], sensor[1][keep], time[keep]
-    pushing = placed if normal != "fit" or contact is None or not contact[keep].any() else placed[contact[keep]]
-    plane = _chosen_plane(what, normal, frame, pushing)
-    sensor_pose, object_pose = _planar(name, plane, time, placed, off_plane), None
-    if truth is not None:
-        seen = truth[1][keep]
-        object_pose = np.full((len(time), 3), np.nan)
-        object_pose[seen.known] = _planar(truth[0], plane, time[seen.known], seen[seen.known], off_plane)
-    return PlanarMotion(keep, plane, sensor_pose, object_pose)
 
 
 def plane_across(frame: str, normal: Array, position: Array) -> Plane:
@@ -340,7 +292,7 @@ def _plane_through(frame: str, position: Array) -> Plane:
     return plane_across(frame, np.array(axes[2] if axes[2, 2] >= 0.0 else -axes[2], np.float64), position)
 
 
-def _planar(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
+def in_plane(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
     """Return poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
 
     Raises FileError where one is more than `off_plane` [m] off it or too steep, or they seem to be in millimetres;

@@ -14,7 +14,8 @@ import numpy as np
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
-from palpate.io.recording_mcap import source_of, write_recording
+from palpate.io.mcap_file import CutShort, front_matter, mcap_messages
+from palpate.io.recording_mcap import METADATA, write_recording
 from palpate.lab.parallel import held_folder, spread
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import kinds
@@ -224,9 +225,11 @@ def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[s
 def _is_whole(path: Path, wanted: str) -> bool:
     """Check that a file is the undamaged recording of this source; raises SettingError if it is another one."""
     try:
-        found = source_of(path)
-    except FileError:  # cut off by a broken copy or a failed disk
+        for _ in mcap_messages(path):
+            pass
+    except CutShort:  # by a broken copy or a failed disk
         return False
+    found = front_matter(path)[0].get(METADATA, {}).get("source", "")
     if found != wanted:
         raise SettingError(f"{path}: was made with other options ({found!r}, now {wanted!r}); take another folder")
     return True

@@ -112,7 +112,6 @@ def replay_recording(recording: Recording, seed: int = 0, unit: int | None = Non
         object_pose=np.where(motion.known[:, None], motion.object_pose, np.nan),
         contact=motion.contact,
         image=images,
-        contact_derived=recording.contact_derived,
         source=_source(recording, seed, unit_seed),
         extra={
             "slip": slip,

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
-from palpate.geometry.polygon import sharp_corners
 from palpate.geometry.shapes import Disc, Ellipse, Shape
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
+from palpate.lab.simulate.paths import sharp_corners
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, misfit, turned_as

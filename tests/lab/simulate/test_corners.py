@@ -1,7 +1,7 @@
 import numpy as np
 
 from palpate import Disc
-from palpate.geometry.polygon import sharp_corners
+from palpate.lab.simulate.paths import sharp_corners
 
 
 def test_sharp_corners_stick_out():
