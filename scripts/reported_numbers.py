@@ -146,9 +146,10 @@ def by_source(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """Return runs on real motion by their source."""
     cmu = [row for row in rows if row["recording"].startswith("bigrect")]
     mit = [row for row in rows if row not in cmu]
+    knocked = {row["recording"].split(".")[0] for row in oracle_runs() if row["knocks"]}
     return {
-        "MIT, not knocked": [row for row in mit if not row["knocks"]],
-        "MIT, knocked by hand": [row for row in mit if row["knocks"]],
+        "MIT, not knocked": [row for row in mit if row["recording"].split(".")[0] not in knocked],
+        "MIT, knocked by hand": [row for row in mit if row["recording"].split(".")[0] in knocked],
         "CMU": cmu,
     }
 

@@ -163,7 +163,7 @@ def test_a_bag_is_replayed(run_palpate, fails):
     write_bag(Path("bag.mcap"), "mcap", push_messages())
     words = ("live", "--tactile", "none", "--replay", "bag.mcap")
     code, out, _ = run_palpate(*words, "--shape", "disc", "--first-pose-unknown", "--seconds", "0.4")
-    assert code == 0 and "latency" in out and "without pose" in out
+    assert code == 0 and "latency" in out and "without_pose" in out
     assert "--first-pose X Y THETA" in fails(*words, "--shape", "disc")
     assert "take it by --shape" in fails(*words)
 

@@ -84,7 +84,7 @@ def test_errors_and_exit_codes(run_palpate, monkeypatch):
 def test_demo_runs_twice_and_names_its_recording(succeeds, json_of, monkeypatch):
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
     out = succeeds("demo")
-    assert "final translation error" in out and str(Path("demo-run/figure.png")) in out
+    assert "final_translation_error_mm" in out and str(Path("demo-run/figure.png")) in out
     found, settings = json_of("demo"), json.loads(Path("demo-run/settings.json").read_text())
     assert (found["frames"], found["tactile"]) == (450, "learnt")
     assert palpate.load_recording("demo-run/recording.mcap").source == settings["source"]

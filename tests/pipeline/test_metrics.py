@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from palpate import Trajectory
 from palpate.geometry import se2
@@ -59,7 +58,7 @@ def test_nees_of_samples_and_of_unusable_covariances():
     assert np.isnan(unknown).all() and not metrics.inside_95(unknown).any()
 
 
-def test_log_likelihood_and_crps_by_hand():
+def test_log_likelihood_by_hand():
     # Sigma of 1 mm, 1 mm and 0.1 rad: log det = 2 log 1e-6 + log 1e-2. The first is 2 sigma off along x.
     covariance = np.array([np.diag([1e-6, 1e-6, 1e-2])] * 3)
     pose, truth = np.zeros((3, 3)), np.array([[2e-3, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3])
@@ -67,15 +66,6 @@ def test_log_likelihood_and_crps_by_hand():
     at_mean = -0.5 * (2 * np.log(1e-6) + np.log(1e-2) + 3 * np.log(2 * np.pi))
     found = metrics.log_likelihood(squared, covariance)
     assert found == pytest.approx([at_mean - 2.0, at_mean, np.nan], nan_ok=True)
-    # With all covariances times k the mean is at_mean - (1.5 log k + 1 / k), best where k = 2 / 3, the mean NEES / 3.
-    factors = np.linspace(0.3, 1.5, 1201)
-    best = np.max(at_mean - 1.5 * np.log(factors) - 1.0 / factors)
-    assert np.mean(found[:2]) + metrics.gain_by_rescaling(squared[:2]) == pytest.approx(best, abs=1e-5)
-    # CRPS by its definition, the integral of (Phi(x) - [x >= error])^2.
-    x = np.linspace(-12.0, 12.0, 240_001)
-    for error, deviation in ((0.0, 1.0), (1.5, 1.0), (-3.0, 0.5)):
-        by_hand = np.trapezoid((norm.cdf(x / deviation) - (x >= error)) ** 2, x)
-        assert metrics.crps(error, deviation) == pytest.approx(by_hand, abs=1e-3)
 
 
 def test_silently_wrong_is_far_off_outside_and_without_doubt():
@@ -89,15 +79,15 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
     trajectory = Trajectory(np.arange(7.0), pose, covariance, contact, status)
 
     # Of the six since the first contact the 1st, 4th and 5th.
-    found = metrics.summarise(trajectory, np.zeros((7, 3)), np.isin(np.arange(7), (3, 4)), np.ones(7))
+    found = metrics.summarise(trajectory, np.zeros((7, 3)), np.ones(7))
     assert (found["in_95_share"], found["in_95_contact_share"], found["in_95_rest_share"]) == (1 / 6, 1 / 4, 0.0)
     assert found["in_95_final"]
     # In contact NEES of 36, 36, 16 and 0.36 and sigma of sqrt(8) mm, once ten times that.
-    assert found["sigma_mm"] == pytest.approx(np.sqrt(8.0)) and found["sigma_deg"] == pytest.approx(1.0)
+    assert found["sigma_mm"] == pytest.approx(np.sqrt(8.0))
     likely = -0.5 * (
         88.36 / 4 + np.log(16e-12 * np.radians(1.0) ** 2) + 0.25 * 3 * np.log(100.0) + 3 * np.log(2 * np.pi)
     )
-    assert found["nats"] == pytest.approx(likely) and found["nats_rescaled"] > found["nats"]
+    assert found["nats"] == pytest.approx(likely)
     assert found["silently_wrong_share"] == 0.5
 
 
@@ -107,14 +97,14 @@ def test_ambiguous_is_a_share_of_the_frames_in_contact():
     trajectory = Trajectory(np.arange(5.0), np.zeros((5, 3)), np.array([np.eye(3)] * 5), contact, status)
     for touched, share in ((contact, 0.75), (np.zeros(5, np.bool_), None)):
         given = replace(trajectory, contact=touched)
-        assert metrics.summarise(given, np.zeros((5, 3)), ~contact, np.ones(5))["ambiguous_share"] == share
+        assert metrics.summarise(given, np.zeros((5, 3)), np.ones(5))["ambiguous_share"] == share
 
 
 def test_the_summary_scores_frames_with_truth():
     status = ("resting", "tracking", "tracking", "resting")
     contact = np.array([False, True, True, False])
     trajectory = Trajectory(np.arange(4) / 10, POSE, np.array([np.eye(3)] * 4), contact, status)
-    found = metrics.summarise(trajectory, TRUTH, np.zeros(4, np.bool_), np.ones(4), tactile="none")
+    found = metrics.summarise(trajectory, TRUTH, np.ones(4), tactile="none")
     assert found["translation_rmse_mm"] == pytest.approx(np.sqrt((5**2 + 0 + 12**2) / 3))
     assert found["rotation_rmse_deg"] == pytest.approx(np.degrees(np.sqrt((0.1**2 + 0.1**2 + 0.2**2) / 3)))
     # The last frame has no truth; the one before is 12 mm and 0.2 rad off.
@@ -122,7 +112,7 @@ def test_the_summary_scores_frames_with_truth():
     assert found["final_rotation_error_deg"] == pytest.approx(np.degrees(0.2))
     assert (found["final_pose"], found["scored_frames"], found["contact_frames"]) == ([9.0, 9.0, 1.0], 3, 2)
     assert found["statuses"] == {"resting": 2, "tracking": 2}
-    blind = metrics.summarise(trajectory, 0.0 * TRUTH[3:], np.zeros(4, np.bool_), np.ones(4), tactile="none")
+    blind = metrics.summarise(trajectory, 0.0 * TRUTH[3:], np.ones(4), tactile="none")
     assert list(blind) == list(found) and (blind["scored_frames"], blind["tactile"]) == (0, "none")
     scores = [key for key in blind if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))]
-    assert {blind[key] for key in scores if not key.startswith(("ambiguous", "knock"))} == {None}
+    assert {blind[key] for key in scores if not key.startswith("ambiguous")} == {None}

@@ -9,21 +9,6 @@ from typing import Any
 
 from palpate.errors import printable
 
-UNITS = {"share": "%", "hz": "Hz", "s": "s", "ms": "ms", "mm": "mm", "deg": "deg", "nats": "nats"}
-"""Ends of keys, as in `delay_s`, and their units."""
-NAMES = {
-    "in_95": "in the 95 % region",
-    "in_95_contact": "in the 95 % region, in contact",
-    "in_95_rest": "in the 95 % region, at rest",
-    "nees_mean": "NEES, mean (3 if consistent)",
-    "nats": "log likelihood in contact [nats]",
-    "nats_rescaled": "with the best factor on covariances [nats]",
-    "crps": "CRPS in contact",
-    "sigma": "sigma in contact",
-    "episodes": "contacts",
-}
-"""Names of keys, without their units, that say too little by themselves."""
-
 
 def print_json(data: dict[str, Any]) -> None:
     """Print the one JSON object of a command."""
@@ -31,7 +16,7 @@ def print_json(data: dict[str, Any]) -> None:
 
 
 def report(json: bool, title: str, data: dict[str, Any]) -> None:
-    """Print the result of a command as one JSON object or as tables, one for each list or dictionary of objects."""
+    """Print the result of a command as one JSON object, or as tables with its keys, one for each list of objects."""
     if json:
         print_json(data)
         return
@@ -41,34 +26,25 @@ def report(json: bool, title: str, data: dict[str, Any]) -> None:
         for key, rows in several.items()
         if isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())
     }
-    quantities = [(*_name_and_unit(key), cell(key, value)) for key, value in data.items() if key not in tables]
-    _print_table(title, ("quantity", "value", "unit"), [(name, value, unit) for name, unit, value in quantities])
-    for key, rows in tables.items():
+    _print_table(title, ("", "value"), [(key, cell(value)) for key, value in data.items() if key not in tables])
+    for name, rows in tables.items():
         keys = list(dict.fromkeys(key for row in rows.values() for key in row))
-        headings = [f"{name} [{unit}]" if unit else name for name, unit in map(_name_and_unit, keys)]
-        cells = [[str(name), *(cell(key, row.get(key)) for key in keys)] for name, row in islice(rows.items(), 20)]
+        cells = [[str(first), *(cell(row.get(key)) for key in keys)] for first, row in islice(rows.items(), 20)]
         more = f": the first 20 of {len(rows)}" if len(rows) > 20 else ""
-        _print_table(key.replace("_", " ") + more, ("", *headings), cells)
+        _print_table(name + more, ("", *keys), cells)
 
 
-def cell(key: str, value: Any) -> str:
-    """Return a value for a table: numbers with three digits, shares in %, a dash for None."""
+def cell(value: Any) -> str:
+    """Return a value for a table: numbers with three digits, a dash for None."""
     if isinstance(value, dict):
-        return ", ".join(f"{name} {cell(key, each)}" for name, each in value.items()) or "-"
+        return ", ".join(f"{name} {cell(each)}" for name, each in value.items()) or "-"
     if isinstance(value, list | tuple):
-        return f"{len(value)}" if len(value) > 20 else ", ".join(cell(key, each) for each in value) or "-"
+        return f"{len(value)}" if len(value) > 20 else ", ".join(map(cell, value)) or "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        value *= 100.0 if key.endswith("_share") else 1.0
         return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
     return "-" if value is None or value == "" else str(value)
-
-
-def _name_and_unit(key: str) -> tuple[str, str]:
-    name, _, end = key.rpartition("_")
-    name, unit = (name, UNITS[end]) if name and end in UNITS else (key, "")
-    return NAMES.get(name, name.replace("_", " ")), unit
 
 
 def _print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -4,19 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from palpate.cli.console import print_json, print_line, progress_bar, report
+from palpate.cli.console import print_line, progress_bar, report
 from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate.types.recording import Recording
-
-SCORES = (
-    *("translation_rmse_mm", "rotation_rmse_deg", "final_translation_error_mm", "final_rotation_error_deg"),
-    *("nees_mean", "nats", "nats_rescaled", "crps_mm", "sigma_mm"),
-    *("in_95_share", "in_95_contact_share", "in_95_rest_share", "silently_wrong_share", "knocks"),
-)
-"""Keys of `summary.json` in the table."""
 
 
 def track(
@@ -65,7 +58,7 @@ def track(
             from palpate.viewer.page import write_page
 
             with drawing(PAGE):
-                write_page(run, file.name, part / PAGE)
+                write_page(run, part / PAGE)
     report_run(run.summary, folder, json)
     return 0
 
@@ -108,16 +101,10 @@ def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
     """Print the summary of one run."""
     from palpate.pipeline.metrics import pose_words
 
-    if json:
-        print_json(summary)
-        return
-    if "tactile_reason" in summary:
-        print_line(f"touch is {summary['tactile']}: {summary['tactile_reason']}")
-    keys = ("frames", "contact_frames", "episodes", "scored_frames", *SCORES, "step_ms", "statuses")
-    rows = {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
-    rows |= {key: summary[key] for key in keys}
-    report(json, f"tactile {summary['tactile']}, {summary['smoother']}", rows)
-    print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
+    final = {} if json else {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
+    report(json, "run", summary | final)
+    if not json:
+        print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
 
 
 def warm_up(*, json: Json = False) -> int:

@@ -123,20 +123,16 @@ def interpolated(when: Array, time: Array, pose: Array) -> Array:
     return np.column_stack((columns[0], columns[1], wrap(columns[2])))
 
 
-def half_axes_95(covariance: ArrayLike) -> Array:
-    """Return the half axes (N, 2, 2), in columns, of the ellipses that hold the objects' origins with 95 % probability.
+def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:
+    """Return the ellipses that hold the objects' origins with 95 % probability, as closed lines (N, P, 2) [m].
 
-    They are in the frame of the pose that covariances (N, 3, 3) are of: tangent space there, right, body frame.
+    Covariances (N, 3, 3) are in the tangent space at poses (N, 3) (right, body frame).
     """
     square = 5.991  # 95 % of chi squared of two degrees of freedom
     values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[..., :2, :2])
-    return vectors * np.sqrt(square * np.maximum(values, 0.0))[..., None, :]
-
-
-def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:
-    """Return these ellipses about poses (N, 3) as closed lines (N, P, 2) [m] in the world."""
+    half_axes = vectors * np.sqrt(square * np.maximum(values, 0.0))[..., None, :]
     circle = np.linspace(0.0, 2.0 * np.pi, 49)
-    points = half_axes_95(covariance) @ np.stack((np.cos(circle), np.sin(circle)))
+    points = half_axes @ np.stack((np.cos(circle), np.sin(circle)))
     return transform(np.asarray(pose)[..., None, :], np.swapaxes(points, -1, -2))
 
 

@@ -16,6 +16,7 @@ from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, tr
 from palpate.pipeline.track import Run
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -57,45 +58,47 @@ def run_figure(run: Run) -> "Figure":
     margins: Any = {"left": 0.07, "right": 0.99, "bottom": 0.15, "top": 0.84, "wspace": 0.15, "hspace": 0.1}
     grid = figure.add_gridspec(2, 2, **margins)
     above, translation = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
-    draw_above(above, run, len(run.online) - 1)
+    last = len(run.online) - 1
+    above.plot(*outline_at(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
+    draw_path(above, run)
+    assert run.online.covariance is not None
+    frames = np.linspace(0, last, 12).astype(int)
+    ellipses = ellipses_95(run.online.pose[frames], run.online.covariance[frames])
+    lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
+    above.plot(*millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
+    draw_moment(above, run, last)
     draw_errors(translation, figure.add_subplot(grid[1, 1], sharex=translation), run)
-    figure.suptitle(_title(run), y=0.98, fontsize=11, parse_math=False)
+    figure.suptitle(title_of(run), y=0.98, fontsize=11, parse_math=False)
     handles = [handle for axes in (above, translation) for handle in axes.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="lower center", ncols=8, frameon=False, fontsize=9)
     return figure
 
 
-def draw_above(axes: "Axes", run: Run, last: int) -> None:
-    """Draw the paths up to a frame, and the object and the sensor's pads at that frame."""
-    axes.plot(*_placed(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
-    draw_path(axes, run, last)
-    assert run.online.covariance is not None
-    frames = np.linspace(0, last, 12).astype(int)
-    ellipses = ellipses_95(run.online.pose[frames], run.online.covariance[frames])
-    lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
-    axes.plot(*_millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
-    if np.isfinite(truth := run.truth[last]).all():
-        axes.fill(*_placed(run, truth), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)
-    axes.plot(*_placed(run, run.online.pose[last]), color=ESTIMATE, lw=1.8)
+def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
+    """Draw the object and the sensor's pads at a frame."""
+    drawn: list[Artist] = []
+    if np.isfinite(truth := run.truth[frame]).all():
+        drawn += axes.fill(*outline_at(run, truth), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)
+    drawn += axes.plot(*outline_at(run, run.online.pose[frame]), color=ESTIMATE, lw=1.8)
     for pad in run.recording.sensor.pads:
-        axes.fill(*_millimetres(se2.transform(run.recording.sensor_pose[last], pad)), color=SENSOR, alpha=0.8, lw=0)
-    frame_above(axes)
+        placed = millimetres(se2.transform(run.recording.sensor_pose[frame], pad))
+        drawn += axes.fill(*placed, color=SENSOR, alpha=0.8, lw=0)
+    return drawn
 
 
-def draw_path(axes: "Axes", run: Run, last: int) -> None:
-    """Draw the paths of object, estimate and sensor up to a frame."""
-    sensor = run.recording.sensor_pose[: last + 1, :2]
-    if run.summary["scored_frames"]:
-        axes.plot(*_millimetres(run.truth[: last + 1, :2]), color=TRUTH, lw=3.0, label="truth")
-    axes.plot(*_millimetres(run.online.pose[: last + 1, :2]), color=ESTIMATE, lw=1.4, label="estimate")
-    axes.plot(*_millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
+def draw_path(axes: "Axes", run: Run) -> None:
+    """Draw the paths of object, estimate and sensor from above."""
     assert run.online.contact is not None
-    touching = np.where(run.online.contact[: last + 1, None], sensor, np.nan)
-    axes.plot(*_millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
-
-
-def frame_above(axes: "Axes") -> None:
-    """Set labels, aspect and grid of the view from above."""
+    sensor = run.recording.sensor_pose[:, :2]
+    if run.summary["scored_frames"]:
+        axes.plot(*millimetres(run.truth[:, :2]), color=TRUTH, lw=3.0, label="truth")
+    axes.plot(*millimetres(run.online.pose[:, :2]), color=ESTIMATE, lw=1.4, label="estimate")
+    axes.plot(*millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
+    touching = np.where(run.online.contact[:, None], sensor, np.nan)
+    axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.25)
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.25)
@@ -133,7 +136,8 @@ def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above
     axes.grid(alpha=0.25)
 
 
-def _title(run: Run) -> str:
+def title_of(run: Run) -> str:
+    """Return three lines: the name, the final pose and its error."""
     summary, file = run.summary, run.recording.file
     # The name of a file may contain bytes that are not text.
     name = file.name.encode("utf-8", "replace").decode() if file else run.recording.source or "recording"
@@ -146,10 +150,11 @@ def _title(run: Run) -> str:
     return f"{textwrap.shorten(name, 120, placeholder=' ...')}\nfinal pose {pose} (1 sigma)\n{error}"
 
 
-def _placed(run: Run, pose: Array) -> Array:
-    """Return the closed outline (2, P) [mm] at a pose."""
-    return _millimetres(se2.transform(pose, run.recording.shape.closed_outline))
+def outline_at(run: Run, pose: Array) -> Array:
+    """Return the closed outline (2, P) [mm] at a pose (3,)."""
+    return millimetres(se2.transform(pose, run.recording.shape.closed_outline))
 
 
-def _millimetres(points: Array) -> Array:
+def millimetres(points: Array) -> Array:
+    """Return points (P, 2) [m] as x and y [mm]."""
     return 1e3 * points.T

@@ -66,24 +66,6 @@ def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
     return -0.5 * (np.asarray(nees) + log_determinant + 3.0 * np.log(2.0 * np.pi))
 
 
-def gain_by_rescaling(nees: Array) -> float:
-    """Return the gain of a mean log likelihood [nats] by the best common factor on covariances, mean NEES / 3."""
-    mean = max(float(np.mean(nees)), 1e-12)  # of estimates without any error, the gain would be infinite
-    return 0.5 * (mean - 3.0 - 3.0 * float(np.log(mean / 3.0)))
-
-
-def crps(error: ArrayLike, deviation: ArrayLike) -> Array:
-    """Return the continuous ranked probability score of errors (...) under a normal of a deviation (...), in its unit.
-
-    Smaller is better; it is the mean error of an estimate without a deviation.
-    """
-    from scipy.special import ndtr
-
-    z = np.asarray(error) / np.asarray(deviation)
-    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    return np.asarray(deviation) * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / np.sqrt(np.pi))
-
-
 def is_far(translation: Array, rotation: Array) -> Flags:
     """Return True where an estimate is wrong by its errors, (N,) [mm] and (N,) [deg]."""
     return (translation > 10.0) | (np.abs(rotation) > 5.0)
@@ -119,14 +101,13 @@ def pose_words(pose: ArrayLike, sigma: ArrayLike) -> str:
 
 
 def summarise(
-    online: Trajectory, truth: Array, knocked: Flags, step_ms: ArrayLike, *, yaw_shows: bool = True, **about: Any
+    online: Trajectory, truth: Array, step_ms: ArrayLike, *, yaw_shows: bool = True, **about: Any
 ) -> dict[str, Any]:
     """Return the content of `summary.json`, with `about` in it; scores that need truth are None without any.
 
-    `truth` (N, 3) is NaN where it is not known and trusted, and `knocked` (N,) flags frames in which something else
-    moves the object. Final errors are of the last frame with truth. Shares `in_95` and `silently_wrong` are of the
-    frames since the first contact; silently wrong is an estimate that `is_far` off and outside its 95 % region with a
-    status in CONTENT. `nats`, `crps_mm` (of x and y in the body frame) and sigmas are of frames in contact.
+    `truth` (N, 3) is NaN where it is not known and trusted. Final errors are of the last frame with truth. Shares
+    `in_95` and `silently_wrong` are of the frames since the first contact; silently wrong is an estimate that
+    `is_far` off and outside its 95 % region with a status in CONTENT. `nats` and `sigma_mm` are of frames in contact.
     `yaw_shows` is False for a disc.
     """
     contact, status, covariance = online.contact, online.status, online.covariance
@@ -138,10 +119,8 @@ def summarise(
     squared = nees(online.pose, covariance, truth)
     consistency = _known(squared)
     inside, since = inside_95(squared), since_contact(contact, squared)
-    scored_contact, (wide, turned) = since & contact, deviations(covariance)
+    scored_contact, wide = since & contact, deviations(covariance)[0]
     nats = log_likelihood(squared, covariance)[scored_contact]
-    along = se2.log(se2.between(online.pose, truth))[scored_contact, :2]
-    axes = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[scored_contact, :2])
     silent = is_far(translation, rotation) & ~inside & np.isin(status, CONTENT)
     return {
         "frames": len(online),
@@ -158,10 +137,7 @@ def summarise(
         "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
         "nees_mean": None if consistency is None else float(np.mean(consistency)),
         "nats": _mean(nats),
-        "nats_rescaled": _mean(nats + gain_by_rescaling(squared[scored_contact])) if len(nats) else None,
-        "crps_mm": _mean(1e3 * crps(along, axes)),
         "sigma_mm": float(np.median(1e3 * wide[scored_contact])) if len(nats) else None,
-        "sigma_deg": float(np.degrees(np.median(turned[scored_contact]))) if len(nats) else None,
         "statuses": dict(Counter(status)),
         "yaw_shows": yaw_shows,
         "scored_frames": len(scored),
@@ -172,7 +148,6 @@ def summarise(
         "in_95_final": bool(inside[since][-1]) if since.any() else None,
         "silently_wrong_share": _mean(silent[since]),
         "ambiguous_share": _mean((np.array(status) == "ambiguous")[contact]),
-        "knocks": len(flag_runs(knocked)),
     }
 
 
