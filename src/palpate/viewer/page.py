@@ -133,7 +133,7 @@ def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
         if image is not None:
             seen.set_data(image)
         for artist in (*moving, words, *([] if image is None else [seen])):
-            artist.axes.draw_artist(artist)
+            figure.draw_artist(artist)
         yield np.array(canvas.buffer_rgba())[..., :3]
         for artist in moving:
             artist.remove()
