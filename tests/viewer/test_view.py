@@ -15,8 +15,6 @@ from view_samples import FIRST, FRAMES, LAST, imaged_push, without_display
 import palpate
 
 pytest.importorskip("rerun", reason="the extra view is not installed")
-OTHER = (0.34, 0.1, 0.2)
-"""Pose of a second answer in frame 30."""
 
 
 def read_back(path: Any) -> dict[str, dict[int, list[Any]]]:
@@ -37,16 +35,11 @@ def read_back(path: Any) -> dict[str, dict[int, list[Any]]]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory, command) -> Path:
-    """The folder of a run, into which a second answer was written."""
+    """The folder of a run."""
     folder = tmp_path_factory.mktemp("view")
     palpate.write_recording(imaged_push(), folder / "push.mcap")
     run = folder / "run"
     assert command("track", folder / "push.mcap", "--out", run) == 0
-    header, *_ = (run / "answers.csv").read_text().splitlines()
-    pose = palpate.track(imaged_push()).online.pose[30]
-    rows = [[1.0, *one, 1e-6, 0, 0, 1e-6, 0, 1e-4] for one in ((0.7, *pose), (0.3, *OTHER))]
-    assert len(rows[0]) == len(header.split(","))
-    (run / "answers.csv").write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]) + "\n")
     return run
 
 
@@ -96,13 +89,6 @@ def test_what_is_unknown_is_not_drawn(entities, online):
     assert touching == np.flatnonzero(online.contact).tolist() and FIRST <= touching[0] < LAST
 
 
-def test_other_answers_are_drawn_where_there_are_several(entities):
-    others = entities["/above/others"]
-    assert [frame for frame in range(FRAMES) if any(len(strip) for strip in others[frame])] == [30]
-    (outline,) = others[30]
-    np.testing.assert_allclose(np.mean(np.array(outline)[:-1], axis=0), [1e3 * OTHER[0], -1e3 * OTHER[1]], atol=0.01)
-
-
 def test_status_is_shown_over_time(entities, online):
     assert [entities["/status"][frame][0] for frame in range(FRAMES)] == list(online.status)
 
@@ -134,9 +120,6 @@ def test_what_cannot_be_viewed(run, fails):
         ("settings.json", None, "is no run of palpate track"),
         ("settings.json", "{}", "settings.json: recording is None, expected the name of a file"),
         ("settings.json", '{"recording": "gone.mcap"}', "gone.mcap: no such file"),
-        ("answers.csv", None, "answers.csv: no such file"),
-        ("answers.csv", "HEADER\n9.0,1,0,0,0,1,0,0,1,0,1", "has an answer at 9 s, at which there is no estimate"),
-        ("answers.csv", "HEADER\n0.0,1,0,0,0,1,0,0,1,0,one", "expected rows of 11 numbers"),
         ("estimates.csv", "LESS", "49 estimates are not of the 50 frames"),
     ],
 )
@@ -145,8 +128,7 @@ def test_a_run_folder_that_cannot_be_shown(run, fails, file, text, message):
     lines = Path("run", file).read_text().splitlines(keepends=True)
     Path("run", file).unlink()
     if text is not None:
-        less = text.replace("LESS", "".join(lines[:-1])).replace("HEADER\n", lines[0])
-        Path("run", file).write_text(less)
+        Path("run", file).write_text(text.replace("LESS", "".join(lines[:-1])))
     assert message in fails("view", "run")
 
 

@@ -1,6 +1,5 @@
 """`palpate train` and `palpate tune`: a touch model and noise settings, learnt from recordings."""
 
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -55,7 +54,6 @@ def train(
     from palpate.touch.press_calibration import read_presses
     from palpate.types.images import read_image
 
-    begin = time.perf_counter()
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     if source.suffix.lower() == ".csv":
         if not untouched or not sensor or start or calibration or test:
@@ -69,7 +67,6 @@ def train(
         files, tested = list(find_recordings(source).values()), list(find_recordings(test).values()) if test else ()
         unit = calibration and load_calibration(calibration)
         results = train_model(files, out, settings, progress_bar, start, tested, resume, unit)
-    results["wall_s"] = time.perf_counter() - begin
     left_out = results.get("recordings", {}).get("left_out", {})
     for why in left_out.values():
         complain(f"left out: {why}")
@@ -106,7 +103,6 @@ def tune(
     from palpate.lab.tune.tuning import check_evaluations, is_held_out
     from palpate.lab.tune.tuning import tune as tune_settings
 
-    begin = time.perf_counter()
     settings = TrackerSettings(tactile=touch.tactile, noise=noise_of(start))
     check_evaluations(evaluations)
     model, unit = touch.load(touch.tactile)
@@ -142,5 +138,5 @@ def tune(
         tuning = tune_settings(list(recorded.values()), settings, evaluations, workers, keep)
         tuned = keep(tuning)
     noise = {"noise": asdict(tuning.settings.noise), "left_out": left_out} if json else {}
-    report(json, "tuning", {"out": str(out), **noise, **tuned, "wall_s": time.perf_counter() - begin})
+    report(json, "tuning", {"out": str(out), **noise, **tuned})
     return 3 if left_out else 0

@@ -1,6 +1,5 @@
 """`palpate simulate`: recordings of a simulated sensor, or touch images for a real motion."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -70,7 +69,6 @@ def simulate(
     from palpate.lab.simulate.replay import replay_folder
     from palpate.types.sensor import known_sensor
 
-    begin = time.perf_counter()
     options = {"resume": resume, "workers": workers.workers, "dask": workers.dask}
     if replay:
         if pushes != Pushes():
@@ -95,5 +93,5 @@ def simulate(
         complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
     failed = [{"file": name, "error": why} for name, why in outcome.failed.items()]
     files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": failed}
-    report(json, "recordings", {"folder": str(folder), **files, "wall_s": time.perf_counter() - begin})
+    report(json, "recordings", {"folder": str(folder), **files})
     return 3 if outcome.failed else 0

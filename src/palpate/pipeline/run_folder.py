@@ -12,20 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import palpate
 from palpate.errors import FileError
-from palpate.files import read_table, whole_folder
+from palpate.files import whole_folder
 from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
 from palpate.io.trajectories import COVARIANCE, UPPER, write_estimates_csv, write_tum
 from palpate.pipeline.figures import drawing, run_figure
 from palpate.pipeline.track import Run
-from palpate.types.estimate import Answer, Answers
 from palpate.types.space import Plane
-
-Array = NDArray[np.float64]
 
 FILES = {"settings.json", "trajectory.tum", "estimates.csv", "answers.csv", "summary.json", "figure.png"}
 """Files of every run."""
@@ -82,19 +78,3 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         run_figure(run).savefig(folder / "figure.png", dpi=120)
     if file is None:
         write_recording(run.recording, folder / RECORDING)
-
-
-def read_answers(path: Path, time: Array) -> Answers:
-    """Return the answers at times (N,) [s], which are those of the run's estimates. Raises FileError."""
-    found: dict[float, list[Answer]] = {float(when): [] for when in time}
-    try:
-        rows = np.array([row for _, row in read_table(path, ANSWERS)], np.float64).reshape(-1, len(ANSWERS))
-    except ValueError as error:
-        raise FileError(f"{path}: expected rows of {len(ANSWERS)} numbers ({error})") from error
-    for row in rows:
-        if row[0] not in found:
-            raise FileError(f"{path}: has an answer at {row[0]:.17g} s, at which there is no estimate")
-        covariance = np.zeros((3, 3))
-        covariance[UPPER] = covariance.T[UPPER] = row[5:]
-        found[row[0]].append(Answer(row[2:5], covariance, float(row[1])))
-    return tuple(tuple(several) for several in found.values())

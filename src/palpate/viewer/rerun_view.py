@@ -16,9 +16,8 @@ from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.io import load_recording
 from palpate.io.trajectories import read_estimates_csv
-from palpate.pipeline.run_folder import read_answers
 from palpate.pipeline.truth import known_truth
-from palpate.types.estimate import Answers, Trajectory
+from palpate.types.estimate import Trajectory
 from palpate.types.images import codec_of
 from palpate.types.recording import Recording
 from palpate.viewer.page import COLOURS, STATUS_COLOURS
@@ -41,18 +40,18 @@ def write_view(path: Path, file: Path, force: bool = False) -> None:
     """
     if os.fsencode(file) != str(file).encode(errors="replace"):
         raise FileError(f"{file}: Rerun writes only to names that are UTF-8; --save names another file")
-    recording, online, answers = _run_of(path) if path.is_dir() else (load_recording(path), None, ())
+    recording, online = _run_of(path) if path.is_dir() else (load_recording(path), None)
     with whole_file(file, overwrite=force) as part:
         stream = rr.RecordingStream("palpate")
         stream.send_recording_name(printable(path.resolve().name))
         stream.save(part, _blueprint())
         _send_styles(stream)
-        _send_frames(stream, recording, online, answers)
+        _send_frames(stream, recording, online)
         stream.disconnect()
 
 
-def _run_of(folder: Path) -> tuple[Recording, Trajectory, Answers]:
-    """Return the recording of a run, its estimates, and all answers at each frame with several. Raises FileError."""
+def _run_of(folder: Path) -> tuple[Recording, Trajectory]:
+    """Return the recording of a run and its estimates. Raises FileError."""
     if not (folder / "settings.json").exists():
         raise FileError(f"{folder}: is no run of palpate track: there is no settings.json in it")
     if not isinstance(file := read_json(folder / "settings.json").get("recording"), str):
@@ -65,12 +64,12 @@ def _run_of(folder: Path) -> tuple[Recording, Trajectory, Answers]:
             f"{folder}: its {len(online)} estimates are not of the {len(recording)} frames of {recording.file}, "
             "which is another recording now; track it again"
         )
-    return recording, online, read_answers(folder / "answers.csv", online.time)
+    return recording, online
 
 
 def _send_styles(stream: rr.RecordingStream) -> None:
     """Send colours and widths of all that moves."""
-    drawn = [("others", "others", 0.75), ("truth", "truth", 2.5), ("sensor", "sensor", 1.5)]  # from the back
+    drawn = [("truth", "truth", 2.5), ("sensor", "sensor", 1.5)]  # from the back
     drawn += [("estimate", "estimate", 1.25), ("ellipse", "estimate", 1.0), ("contact", "contact", 3.0)]
     for order, (path, colour, radius) in enumerate(drawn, 10):
         style = {"colors": _rgb(COLOURS[colour]), "radii": rr.Radius.ui_points(radius), "draw_order": float(order)}
@@ -79,7 +78,7 @@ def _send_styles(stream: rr.RecordingStream) -> None:
     stream.log("status", rr.StateConfiguration(values=list(STATUS_COLOURS), colors=colours), static=True)
 
 
-def _send_frames(stream: rr.RecordingStream, recording: Recording, online: Trajectory | None, answers: Answers) -> None:
+def _send_frames(stream: rr.RecordingStream, recording: Recording, online: Trajectory | None) -> None:
     """Send all frames; nothing is drawn where it is unknown."""
     kind = "timestamp" if recording.time[0] > 1e8 else "duration"  # [s] since 1970, or since the recording began
     time = rr.TimeColumn("time", **{kind: recording.time})
@@ -118,7 +117,6 @@ def _send_frames(stream: rr.RecordingStream, recording: Recording, online: Traje
     send_object("estimate", online.pose)
     send_strips("ellipse", [[ellipse] for ellipse in ellipses_95(online.pose, online.covariance)])
     send_strips("contact", [some if touches else [] for some, touches in zip(at_pads, online.contact, strict=True)])
-    send_strips("others", [[se2.transform(one.pose, outline) for one in some[1:]] for some in answers])
     stream.send_columns("status", [time], rr.StateChange.columns(state=online.status))
 
 
