@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.checks import FARTHEST, is_near
-from palpate.errors import SettingError, ShapeError
+from palpate.errors import ShapeError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -51,18 +51,11 @@ def area_and_centroid(corners: Array) -> tuple[float, Array]:
     return 0.5 * float(cross.sum()), start + cross @ (a + b) / (3.0 * cross.sum())
 
 
-def checked_count(count: int) -> int:
-    """Return the number of outline points; raise SettingError on fewer than 3."""
-    if count < 3:
-        raise SettingError(f"an outline has {count} points; it needs 3 or more")
-    return count
-
-
 def points_along(corners: Array, count: int) -> tuple[Array, Indices]:
     """Return about `count` points (M, 2) [m] on the outline, corners and evenly spaced ones, and their edges (M,)."""
     edges = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(edges[:, 0], edges[:, 1])
-    parts = np.maximum(np.rint(checked_count(count) * lengths / lengths.sum()).astype(int), 1)
+    parts = np.maximum(np.rint(count * lengths / lengths.sum()).astype(int), 1)
     edge = np.repeat(np.arange(len(corners)), parts)
     fraction = (np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[edge]
     return corners[edge] + fraction[:, None] * edges[edge], edge

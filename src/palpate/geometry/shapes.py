@@ -91,7 +91,7 @@ class Disc(_Outline):
 
     def outline(self, count: int = 200) -> Array:
         """Return `count` points (count, 2) [m], counter-clockwise, equally spaced."""
-        angle = np.arange(polygon.checked_count(count)) * (2.0 * math.pi / count)
+        angle = np.arange(count) * (2.0 * math.pi / count)
         return self.radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
 
     def signed_distance(self, points: ArrayLike) -> Array:
@@ -151,7 +151,7 @@ class Ellipse(_Outline):
         from scipy.special import ellipeinc
 
         a, b = 0.5 * self.size_x, 0.5 * self.size_y
-        angle = np.linspace(0.0, 2.0 * math.pi, 32 * polygon.checked_count(count) + 1)
+        angle = np.linspace(0.0, 2.0 * math.pi, 32 * count + 1)
         arc = ellipeinc(angle, 1.0 - (a / b) ** 2)  # arc length over b, for the point (a cos, b sin)
         angle = np.interp(np.arange(count) * (arc[-1] / count), arc, angle)
         return np.stack((a * np.cos(angle), b * np.sin(angle)), axis=-1)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from palpate.errors import FileError
+from palpate.files import in_file
 from palpate.io.cmu_two_finger import is_cmu_log, read_cmu_log
 from palpate.io.mit_push import is_mit_push, read_mit_push
 from palpate.io.recording_mcap import is_recording, read_recording
@@ -42,7 +43,8 @@ def load_recording(path: Path | str) -> Recording:
     """Read a recording of any known format. Raises FileError."""
     path = existing_bag(path)
     if (name := detect_format(path)) is not None:
-        return FORMATS[name].read(path)
+        with in_file(path):
+            return FORMATS[name].read(path)
     if path.suffix.lower() in (".h5", ".hdf5"):
         raise FileError(
             f"{path}: is HDF5, in which earlier versions kept recordings; make it anew as MCAP, from its bag or arrays "

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from palpate.checks import checked_times
 from palpate.errors import FileError
-from palpate.files import in_file, numbers_of, read_text, text_start
+from palpate.files import numbers_of, read_text, text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.types.recording import Recording, contact_flags
@@ -52,35 +52,34 @@ def read_cmu_log(path: Path) -> Recording:
     for number, line in enumerate(read_text(path).splitlines(), 1):
         row = numbers_of(line.split(",")) or []
         if len(row) != 8 and line.strip():
-            raise FileError(f"{path}: line {number}: found {line[:80]!r}, expected 8 numbers")
+            raise FileError(f"line {number}: found {line[:80]!r}, expected 8 numbers")
         given += [row] if row else []
     rows = np.array(given)[1:]
     if not len(rows):
-        raise FileError(f"{path}: found a single row, and the first row of a log is not valid")
-    with in_file(path):
-        rows = rows[np.append(True, rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1])]
-        time = checked_times(rows[:, 0]) - rows[0, 0]
-        metres = np.array([1e-3, 1e-3, 1.0])
-        sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
-        seen = rows[:, 1:4] * metres
-        known = (seen != 0).any(axis=1)
-        seen[~known] = np.nan  # so are truths between one that is lost and another
-        seen[known, 2] = np.unwrap(seen[known, 2])
-        # After the last row its pose stays: the hand stands still at the end of a log.
-        truth = np.column_stack([np.interp(time + LATENCY, time, column) for column in seen.T])
-        truth[:, 2] = se2.wrap(truth[:, 2])
-        # The action id may change one row before the hand is in its new place; the clock jumps with the hand.
-        is_new = (np.diff(rows[:, 7]) != 0) | (np.diff(time) > 0.5)
-        return Recording(
-            time=time,
-            sensor_pose=sensor_pose,
-            shape=RECTANGLE,
-            sensor=HAND,
-            object_pose=truth,
-            contact=_contacts(is_new, sensor_pose, HAND.gaps(sensor_pose, truth, RECTANGLE)),
-            source=f"CMU PlanarManipulationToolBox, {path.name}",
-            file=path,
-        )
+        raise FileError("found a single row, and the first row of a log is not valid")
+    rows = rows[np.append(True, rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1])]
+    time = checked_times(rows[:, 0]) - rows[0, 0]
+    metres = np.array([1e-3, 1e-3, 1.0])
+    sensor_pose = se2.compose(rows[:, 4:7] * metres, np.array([[HAND.radius, 0.0, 0.0]]))
+    seen = rows[:, 1:4] * metres
+    known = (seen != 0).any(axis=1)
+    seen[~known] = np.nan  # so are truths between one that is lost and another
+    seen[known, 2] = np.unwrap(seen[known, 2])
+    # After the last row its pose stays: the hand stands still at the end of a log.
+    truth = np.column_stack([np.interp(time + LATENCY, time, column) for column in seen.T])
+    truth[:, 2] = se2.wrap(truth[:, 2])
+    # The action id may change one row before the hand is in its new place; the clock jumps with the hand.
+    is_new = (np.diff(rows[:, 7]) != 0) | (np.diff(time) > 0.5)
+    return Recording(
+        time=time,
+        sensor_pose=sensor_pose,
+        shape=RECTANGLE,
+        sensor=HAND,
+        object_pose=truth,
+        contact=_contacts(is_new, sensor_pose, HAND.gaps(sensor_pose, truth, RECTANGLE)),
+        source=f"CMU PlanarManipulationToolBox, {path.name}",
+        file=path,
+    )
 
 
 def _contacts(is_new: NDArray[np.bool_], sensor_pose: Array, gap: Array) -> NDArray[np.bool_]:

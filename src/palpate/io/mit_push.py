@@ -10,14 +10,13 @@ capture drops out, jumps and comes back, or lags so far that the tip would be in
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, NUMBERS, check_rows, checked_array, checked_times, is_near
 from palpate.errors import FileError
-from palpate.files import in_file, read_json, text_start
+from palpate.files import read_json, text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.types.recording import Recording, contact_flags, held, impossible, spikes
@@ -35,11 +34,7 @@ def is_mit_push(path: Path) -> bool:
 
 def read_mit_push(path: Path) -> Recording:
     """Read one run. Raises FileError."""
-    with in_file(path):
-        return _recording(read_json(path), path)
-
-
-def _recording(data: dict[str, Any], path: Path) -> Recording:
+    data = read_json(path)
     if missing := [key for key in KEYS if key not in data]:
         raise FileError(f"lacks {', '.join(missing)}; an MIT push has {', '.join(KEYS)}")
     time = checked_array(KEYS[0], data[KEYS[0]], NUMBERS, ("N",)).astype(np.float64)

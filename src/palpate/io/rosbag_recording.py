@@ -374,11 +374,7 @@ def _recording(
         if (other := streams.frame(chosen.object)) != frame:
             raise FileError(f"poses of the sensor are given in frame {frame!r}, those of the object in {other!r}")
         truth = f"the object ({chosen.object.name})", streams.placed(chosen.object, time)
-    sources = [
-        chosen.images or choices.image_times,
-        chosen.sensor.name,
-        *([chosen.object.name] if chosen.object else []),
-    ]
+    sources = chosen.images or choices.image_times, chosen.sensor.name, chosen.object and chosen.object.name
     recording, plane = planar_recording(
         str(found.path),
         frame,
@@ -392,7 +388,7 @@ def _recording(
         contact=flags if streams.flags else None,
         shape=shape,
         sensor=sensor,
-        source=f"bag {found.path.name}: {', '.join(map(str, sources))}",
+        source=f"bag {found.path.name}: {', '.join(str(each) for each in sources if each)}",
         file=found.path,
     )
     return BagReading(recording, plane)
