@@ -106,14 +106,6 @@ def test_right_jacobian_inverse_against_finite_differences():
     np.testing.assert_allclose(se2.right_jacobian_inverse(xi), inverse, atol=2e-9)
 
 
-def test_poses_in_between_turn_the_shorter_way():
-    time, pose = np.array([0.0, 1.0, 2.0]), np.array([[0.0, 0.0, 3.0], [1.0, 2.0, -3.0], [1.0, 2.0, -3.0]])
-    found = se2.interpolated(np.array([-1.0, 0.5, 3.0]), time, pose)
-    np.testing.assert_allclose(found[0], pose[0])
-    np.testing.assert_allclose(found[1], [0.5, 1.0, np.pi], atol=1e-12)
-    np.testing.assert_allclose(found[2], pose[2])
-
-
 @pytest.mark.parametrize("function", [se2.inverse, se2.exp, se2.log, se2.adjoint, se2.right_jacobian_inverse])
 def test_one_pose_and_many_give_the_same(function):
     xi = random_tangents(60).reshape(3, 20, 3)

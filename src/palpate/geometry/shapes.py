@@ -30,7 +30,11 @@ class _Outline(ABC):
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            object.__setattr__(self, name, _size(value, f"{type(self).__name__.lower()} {name}"))
+            # Compared before it is made a float, which cannot hold every whole number.
+            if not isinstance(value, Real) or isinstance(value, bool) or not 1e-6 <= value <= FARTHEST:  # pyright: ignore[reportOperatorIssue]
+                found = f"{type(self).__name__.lower()} {name} is {reprlib.repr(value)}"
+                raise ShapeError(f"{found}; it must be a length from 1e-06 to {FARTHEST:g} m")
+            object.__setattr__(self, name, float(value))
 
     @property
     def centroid(self) -> Array:
@@ -276,13 +280,6 @@ def check_outline(shape: Shape) -> None:
         if shape.extent > SPAN:
             raise ShapeError(wrong)
         logger.warning("%s", wrong)
-
-
-def _size(value: Any, what: str) -> float:
-    # Compared before it is made a float, which cannot hold every whole number.
-    if not isinstance(value, Real) or isinstance(value, bool) or not 1e-6 <= value <= FARTHEST:  # pyright: ignore[reportOperatorIssue]
-        raise ShapeError(f"{what} is {reprlib.repr(value)}; it must be a length from 1e-06 to {FARTHEST:g} m")
-    return float(value)
 
 
 def _butterfly() -> Polygon:

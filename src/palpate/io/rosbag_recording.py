@@ -345,16 +345,14 @@ def _read_streams(found: Contents, chosen: _Mapping, choices: BagChoices, sensor
     else:
         if damage:
             raise FileError(f"{chosen.images or choices.image_times}: an image: {damage[0]}") from damage[0]
-    poses = {name: _in_time(name, rows) for name, rows in gathered.items()}
+    poses: dict[str, Poses] = {}
+    for name, rows in gathered.items():
+        frames = sorted({pose.frame for _, pose in rows})
+        if len(frames) > 1:
+            raise FileError(f"{name}: poses are given in several frames, {', '.join(map(repr, frames))}")
+        time, numbers = np.array([time for time, _ in rows], np.int64), np.array([pose.numbers for _, pose in rows])
+        poses[name] = poses_in_time(name, frames[0], time, numbers)
     return _Streams(images, flags, poses, static)
-
-
-def _in_time(name: str, rows: list[tuple[int, Pose]]) -> Poses:
-    frames = sorted({pose.frame for _, pose in rows})
-    if len(frames) > 1:
-        raise FileError(f"{name}: poses are given in several frames, {', '.join(map(repr, frames))}")
-    time = np.array([time for time, _ in rows], np.int64)
-    return poses_in_time(name, frames[0], time, np.array([pose.numbers for _, pose in rows]))
 
 
 def _recording(

@@ -21,6 +21,7 @@ from palpate.checks import (
 )
 from palpate.config import FirstPoseSettings
 from palpate.errors import FileError, SettingError
+from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.images import AS_IT_IS, Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
@@ -231,26 +232,20 @@ class Recording:
 
     def __getitem__(self, index: int) -> Frame:
         """The frame at `index`, its image decoded. Raises FileError if the image is damaged."""
-        truth = None if self.object_pose is None else self.object_pose[index]
+        truth, image = None if self.object_pose is None else self.object_pose[index], None
+        if self.image is not None:
+            with in_file(f"{self.file or 'recording'}: image of frame {index % len(self)}"):
+                image = decode_image(self.image[index], (self.sensor.image_height, self.sensor.image_width))
         return Frame(
             time=float(self.time[index]),
             sensor_pose=self.sensor_pose[index],
-            image=None if self.image is None else self._decode(index),
+            image=image,
             contact=None if self.contact is None else bool(self.contact[index]),
             object_pose=None if truth is None or np.isnan(truth).any() else truth,
         )
 
     def __iter__(self) -> Iterator[Frame]:
         return (self[index] for index in range(len(self)))
-
-    def _decode(self, index: int) -> NDArray[np.uint8]:
-        assert self.image is not None
-        data = self.image[index]
-        try:
-            return decode_image(data, (self.sensor.image_height, self.sensor.image_width))
-        except FileError as error:
-            where = f"{self.file or 'recording'}: image of frame {index % len(self)}"
-            raise FileError(f"{where}: {error}") from error
 
 
 def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:
