@@ -28,10 +28,10 @@ def lines(axes: Any) -> dict[str, Any]:
 
 def test_a_figure_shows_paths_errors_and_contact(tracked):
     figure = run_figure(tracked)
-    above, translation, rotation = figure.axes
+    above, translation, rotation, _ = figure.axes
     assert (above.get_xlabel(), above.get_ylabel(), above.get_aspect()) == ("x [mm]", "y [mm]", 1.0)
     assert (translation.get_ylabel(), rotation.get_ylabel()) == ("translation error [mm]", "rotation error [°]")
-    assert {"start", "truth", "estimate", "95 % ellipses", "contact", "error"} < legend(figure)
+    assert {"start", "truth", "estimate", "95 % ellipses", "contact", "error", "resting"} < legend(figure)
     assert lines(above)["truth"] == pytest.approx(tracked.recording.object_pose[:, :2] * 1e3)
     assert lines(above)["estimate"] == pytest.approx(tracked.online.pose[:, :2] * 1e3)
     final, turned = (tracked.summary[f"final_{name}"] for name in ("translation_error_mm", "rotation_error_deg"))

@@ -2,8 +2,8 @@
 
 from typing import get_args
 
+from palpate.pipeline.figures import STATUS_COLOURS
 from palpate.types.estimate import Status
-from palpate.viewer.page import STATUS_COLOURS
 
 
 def test_every_status_has_a_colour():

@@ -14,6 +14,8 @@ from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, translation_errors
 from palpate.pipeline.track import Run
+from palpate.pipeline.truth import flag_runs
+from palpate.types.estimate import Status
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -25,6 +27,18 @@ Array = NDArray[np.float64]
 
 # The colours of Okabe and Ito, which people with any colour vision can tell apart, and greys.
 TRUTH, ESTIMATE, SENSOR, START, CONTACT = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA", "#E69F00"
+
+COLOURS = {"truth": TRUTH, "estimate": ESTIMATE, "sensor": SENSOR, "contact": CONTACT, "others": "#CC79A7"}
+STATUS_COLOURS: dict[Status, str] = {
+    "tracking": "#009E73",
+    "resting": "#A6B8C2",
+    "ambiguous": "#E69F00",
+    "strained": "#D55E00",
+    "uncertain": "#F0E442",
+    "displaced": "#CC79A7",
+    "indeterminate": "#7F3FBF",
+    "faulty": "#B00020",
+}
 
 
 @contextmanager
@@ -49,28 +63,46 @@ def drawing(what: str) -> Iterator[None]:
         logger.warning("%s is left out: %s: %s", what, type(error).__name__, one_line(error))
 
 
-def run_figure(run: Run) -> "Figure":
-    """Draw a run: from above on the left, its errors over time on the right."""
+def run_figure(run: Run, at_end: bool = True) -> "Figure":
+    """Draw a run: from above on the left, errors and status over time on the right; the object at the end if wanted."""
     from matplotlib.figure import Figure
 
+    online, last = run.online, len(run.online) - 1
+    assert online.covariance is not None and online.contact is not None
     figure = Figure(figsize=(11.5, 5.8))
     # Fixed margins: a layout that fits itself to the texts takes as long as the drawing.
-    margins: Any = {"left": 0.07, "right": 0.99, "bottom": 0.15, "top": 0.84, "wspace": 0.15, "hspace": 0.1}
-    grid = figure.add_gridspec(2, 2, **margins)
+    figure.subplots_adjust(left=0.07, right=0.99, bottom=0.19, top=0.84, wspace=0.15, hspace=0.1)
+    grid = figure.add_gridspec(3, 2, height_ratios=(3.0, 3.0, 0.4))
     above, translation = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
-    last = len(run.online) - 1
+    rotation, status = (figure.add_subplot(grid[row, 1], sharex=translation) for row in (1, 2))
     above.plot(*outline_at(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
-    draw_path(above, run)
-    assert run.online.covariance is not None
+    if run.summary["scored_frames"]:
+        above.plot(*millimetres(run.truth[:, :2]), color=TRUTH, lw=3.0, label="truth")
+    above.plot(*millimetres(online.pose[:, :2]), color=ESTIMATE, lw=1.4, label="estimate")
+    sensor = run.recording.sensor_pose[:, :2]
+    above.plot(*millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
+    touching = np.where(online.contact[:, None], sensor, np.nan)
+    above.plot(*millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
     frames = np.linspace(0, last, 12).astype(int)
-    ellipses = ellipses_95(run.online.pose[frames], run.online.covariance[frames])
+    ellipses = ellipses_95(online.pose[frames], online.covariance[frames])
     lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
     above.plot(*millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
-    draw_moment(above, run, last)
-    draw_errors(translation, figure.add_subplot(grid[1, 1], sharex=translation), run)
+    above.set(xlabel="x [mm]", ylabel="y [mm]")
+    above.set_aspect("equal", adjustable="datalim")
+    above.grid(alpha=0.25)
+    drawn = draw_moment(above, run, last)
+    for artist in drawn:  # the view has room for it
+        artist.set_visible(at_end)
+    draw_errors(translation, rotation, run)
+    time = online.time - online.time[0]
+    for word, colour in STATUS_COLOURS.items():
+        for first, end in flag_runs(np.array(online.status) == word):
+            status.axvspan(time[first], time[min(end + 1, last)], color=colour, lw=0, label=word)
+    status.set(yticks=[], xlabel="time [s]")
     figure.suptitle(title_of(run), y=0.98, fontsize=11, parse_math=False)
-    handles = [handle for axes in (above, translation) for handle in axes.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="lower center", ncols=8, frameon=False, fontsize=9)
+    pairs = (zip(*axes.get_legend_handles_labels(), strict=True) for axes in (above, translation, status))
+    handles = {label: handle for some in pairs for handle, label in some}
+    figure.legend(handles.values(), handles, loc="lower center", ncols=8, frameon=False, fontsize=9)
     return figure
 
 
@@ -86,24 +118,6 @@ def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
     return drawn
 
 
-def draw_path(axes: "Axes", run: Run) -> None:
-    """Draw the paths of object, estimate and sensor from above."""
-    assert run.online.contact is not None
-    sensor = run.recording.sensor_pose[:, :2]
-    if run.summary["scored_frames"]:
-        axes.plot(*millimetres(run.truth[:, :2]), color=TRUTH, lw=3.0, label="truth")
-    axes.plot(*millimetres(run.online.pose[:, :2]), color=ESTIMATE, lw=1.4, label="estimate")
-    axes.plot(*millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
-    touching = np.where(run.online.contact[:, None], sensor, np.nan)
-    axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
-    axes.set(xlabel="x [mm]", ylabel="y [mm]")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.grid(alpha=0.25)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.grid(alpha=0.25)
-
-
 def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     """Draw translation and rotation errors with their sigma over time, or sigma alone without truth."""
     assert run.online.covariance is not None
@@ -117,8 +131,9 @@ def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     _draw_error(rotation, run, turned, -angle, angle)
     translation.set(ylabel=f"translation {kind} [mm]")
     translation.tick_params(labelbottom=False)
+    rotation.tick_params(labelbottom=False)
     rotation.axhline(0.0, color=START, lw=0.8)
-    rotation.set(ylabel=f"rotation {kind} [°]", xlabel="time [s]")
+    rotation.set(ylabel=f"rotation {kind} [°]")
 
 
 def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:

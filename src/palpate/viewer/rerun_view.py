@@ -16,11 +16,11 @@ from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.io import load_recording
 from palpate.io.trajectories import read_estimates_csv
+from palpate.pipeline.figures import COLOURS, STATUS_COLOURS
 from palpate.pipeline.truth import known_truth
 from palpate.types.estimate import Trajectory
 from palpate.types.images import codec_of
 from palpate.types.recording import Recording
-from palpate.viewer.page import COLOURS, STATUS_COLOURS
 
 try:
     import rerun as rr
