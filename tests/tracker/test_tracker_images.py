@@ -111,7 +111,7 @@ def test_every_way_to_feel_tracks(recording, blind, tactile):
     assert yaw_deviation(run) < 0.9 * yaw_deviation(blind)
     assert run.summary["rotation_rmse_deg"] < 1.2
     assert run.summary["nees_mean"] < 3.0
-    assert set(run.summary["statuses"]) <= {"resting", "tracking", "strained", "uncertain"}
+    assert set(run.summary["statuses"]) <= {"resting", "tracking", "strained", "uncertain", "ambiguous"}
 
 
 def test_why_touch_is_learnt_or_not(recording):

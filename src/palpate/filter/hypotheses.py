@@ -145,7 +145,8 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
     is_poor = (rows.age > _GRACE) & (relative < POOR)
     is_settled = rows.disturbed_steps_left == 0
     is_compared = is_settled & (rows.age >= _NEW)
-    near = are_near(rows.belief.pose[:, None], rows.belief.pose[None]) & is_compared[:, None] & is_settled
+    is_alike = rows.sign[:, None] == rows.sign
+    near = is_alike & are_near(rows.belief.pose[:, None], rows.belief.pose[None]) & is_compared[:, None] & is_settled
     kept: list[int] = []
     for row in np.argsort(-scores).tolist():
         if not is_poor[row] and not near[row, kept].any():

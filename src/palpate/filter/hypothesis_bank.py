@@ -23,7 +23,7 @@ from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, Step, costs_of_
 from palpate.filter.rest import measured_at_rest
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
-from palpate.graph.compiled import Array, Flags, Integers
+from palpate.graph.compiled import Array, Integers
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import make_factors, place_in_time
 from palpate.graph.own_measurements import values_at, with_right_jacobians
@@ -124,7 +124,6 @@ class HypothesisBank:
         Since the last frame the sensor may have moved by `hidden_motion` [m].
         """
         window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
-        rows = rows if len(rows.age) == 1 else rows.take(~self._is_mirror)
         belief = rows.belief
         covariance, covariances, status, reason = self._monitor.assessed(rows, window is not None)
         if self._is_indeterminate and status != "ambiguous":
@@ -182,8 +181,6 @@ class HypothesisBank:
         """
         measurements = self._checked(measurements, sensor_pose, time)
         step = Step(sensor_pose, measurements, from_touch, [*self._times, time])
-        if self._window is not None and self._is_mirror.any():
-            self._decide_mirrored(self._window, time)
         path = None if self._window is None else self._window.object_path()
         try:
             is_measured = self._begin_contact(step) if path is None else self._continue_contact(step, path)
@@ -215,7 +212,6 @@ class HypothesisBank:
         """The sensor released the object, which something else may have moved meanwhile by this much [m]."""
         if self._window is None:
             return
-        self._take(~self._is_mirror)
         rows, self._is_indeterminate = self._rows, False
         moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, _SPREAD), moved)
         belief = rows.belief.at_next_contact(self._settings.priors)
@@ -248,10 +244,12 @@ class HypothesisBank:
         Returns True if poses of the object were measured, and tests them, as `_continue_contact` does.
         """
         touch = step.measurements[: step.from_touch]
-        is_sure = self._is_found and len(self._rows.age) == 1
-        if self._may_be_mirrored and is_sure and any(isinstance(one, ContactDirection) for one in touch):
-            self._take([0, 0])
-            self._rows.sign = self._rows.sign * [1.0, -1.0]
+        is_measured = any(isinstance(one, ContactDirection) for one in touch)
+        if self._may_be_mirrored and is_measured and (self._rows.sign > 0.0).all():
+            count = len(self._rows.age)
+            self._take(np.tile(np.arange(count), 2))
+            self._rows.sign = np.repeat([1.0, -1.0], count)
+            self._rows.age = np.zeros_like(self._rows.age)
         rows = self._rows
         self._monitor.test_first_contact(rows, step)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
@@ -310,8 +308,7 @@ class HypothesisBank:
         if not alarms.any():
             return
         is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
-        likeliest = [np.flatnonzero(alarms & is_watched & group)[:1] for group in (self._is_mirror, ~self._is_mirror)]
-        for row in np.concatenate(likeliest).tolist():
+        for row in np.flatnonzero(alarms & is_watched)[:1].tolist():
             self._branch(window, row)
 
     def _branch(self, window: Window, row: int) -> None:
@@ -329,50 +326,40 @@ class HypothesisBank:
         rows.disturbed_steps_left[count:] = AHEAD
         rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
         self._drop_lost(window)
-        self._take(np.argsort(self._is_mirror, kind="stable"))
 
     def _reweight_and_prune(self, window: Window) -> None:
-        """Weigh all hypotheses, sort them and drop those not worth keeping, in each group."""
-        kept, weights = [0], [1.0]
+        """Weigh all hypotheses, sort them and drop those not worth keeping."""
+        kept, weights, sign = np.zeros(1, np.int64), np.ones(1), self._rows.sign
         if len(self._rows.age) > 1:
-            is_mirror, costs, kept, weights = self._is_mirror, window.costs(), [], []
-            for group in (np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)):
-                order, weight = np.arange(len(group)), np.ones(len(group))
-                if len(group) > 1:
-                    is_sure = self._is_found or is_mirror[group[0]]
-                    most = self._most if is_sure else max(self._most, MOST_YOUNG)
-                    order, weight = worth_keeping(self._rows.take(group), costs[group], self._settings.priors, most)
-                kept, weights = [*kept, *group[order]], [*weights, *weight]
+            most = self._most if self._is_found else max(self._most, MOST_YOUNG)
+            kept, weights = worth_keeping(self._rows, window.costs(), self._settings.priors, most)
             self._take(kept)
-        rows = self._rows
-        count = np.count_nonzero(self._is_mirror)
-        is_single = np.where(self._is_mirror, count, len(kept) - count) == 1
-        rows.weight, rows.log_prior = np.array(weights), np.where(is_single, 0.0, rows.log_prior)
-        window.count_all_costs(is_single)
-        if rows.displacement[self._is_mirror][:1].any():
-            self._take(~self._is_mirror)
-        if is_single[0] and not self._is_found:
+        rows, is_single = self._rows, len(kept) == 1
+        rows.weight, rows.log_prior = weights, np.zeros(1) if is_single else rows.log_prior
+        window.count_all_costs(np.full(len(kept), is_single))
+        if (sign != sign[0]).any():
+            self._decide_mirrored(window)
+        if is_single and not self._is_found:
             self._is_found = not is_rough(rows.belief, self._model)[0]
 
-    def _decide_mirrored(self, window: Window, time: float) -> None:
-        """Decide if touch images are mirrored once one group is contradicted for a while, and the other is not.
+    def _decide_mirrored(self, window: Window) -> None:
+        """Decide if touch images are mirrored once all hypotheses agree, or those that disagree are contradicted.
 
-        They are mirrored only if one pose is left, since if several are needed something else is wrong.
+        The latter counts if the object has been found, and those that take images the other way are not contradicted.
         """
-        is_mirror = self._is_mirror
-        detected, is_disturbed = disturbance_alarms(window), np.asarray(window.costs()[..., 2].any(axis=1))
-        groups = np.flatnonzero(~is_mirror), np.flatnonzero(is_mirror)
-        best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
-        self._contradicted = self._contradicted | detected[best]
-        as_is, mirrored = self._contradicted.tolist()
-        if as_is or mirrored:
-            self._contradicted_since = min(self._contradicted_since, time)
-        if not as_is or not mirrored:
-            is_sure = np.count_nonzero(is_mirror) == 1
-            if time - self._contradicted_since <= _UNDECIDED or not (is_sure or mirrored):
+        sign, time = self._rows.sign, self._times[-1]
+        groups = [group for group in (np.flatnonzero(sign > 0.0), np.flatnonzero(sign < 0.0)) if len(group)]
+        if len(groups) == 2:
+            is_disturbed, detected = window.costs()[..., 2].any(axis=1), disturbance_alarms(window)
+            best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
+            self._contradicted = self._contradicted | detected[best]
+            if self._contradicted.any():
+                self._contradicted_since = min(self._contradicted_since, time)
+            if not self._is_found or self._contradicted.sum() != 1 or time - self._contradicted_since <= _UNDECIDED:
                 return
-        self._may_be_mirrored, self.is_mirrored = False, as_is and not mirrored
-        self._take(is_mirror == self.is_mirrored)
+            self._take(groups[int(np.argmin(self._contradicted))])
+            self._rows.weight = self._rows.weight / self._rows.weight.sum()
+        self._may_be_mirrored, self.is_mirrored = False, bool(self._rows.sign[0] < 0.0)
         if self.is_mirrored:
             logger.warning("frame at %.3f s: %s", time, _MIRRORED)
 
@@ -383,11 +370,6 @@ class HypothesisBank:
         shared = np.concatenate([np.zeros(CONTACT_SIZE), belief.values[0]])
         values = values_at(se2.between(belief.pose[0], sensor_pose), sensor_pose, shared)
         return with_right_jacobians(measurements, self._is_right, values, time)
-
-    @property
-    def _is_mirror(self) -> Flags:
-        """True for the second group of hypotheses, which takes touch images the other way, until this is decided."""
-        return self._rows.sign != self._rows.sign[0]
 
     def _in_window(self) -> Window:
         assert self._window is not None
@@ -407,7 +389,7 @@ class HypothesisBank:
         """Drop hypotheses without a solution; raises EstimationError if none with images as they are has one."""
         is_lost = window.rows["is_lost"]
         if is_lost.any():
-            if is_lost[~self._is_mirror].all():
+            if is_lost.all():
                 raise EstimationError("the linear system of the window is indeterminate")
             self._take(~is_lost)
 
