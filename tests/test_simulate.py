@@ -78,6 +78,14 @@ def test_the_same_options_give_the_same_files(simulate):
     assert units == ["5", "5"] and "of unit 5" not in plain.source
 
 
+def test_shards_are_parts_of_the_whole(simulate):
+    assert simulate("whole", *DISC, "--count", "3").code == 0
+    for part, count in (("1/2", 2), ("2/2", 3)):
+        assert simulate("parts", *DISC, "--count", "3", "--shard", part, "--resume").code == 0
+        assert len(contents("parts")) == count
+    assert contents("parts") == contents("whole")
+
+
 @pytest.mark.parametrize("name", ["disc", "rectangle", "ellipse", "triangle", "hexagon", "t", "butterfly"])
 def test_every_object_is_pushed_and_tracked_by_its_contacts(simulate, name):
     assert simulate("out", "--shape", name, "--count", "3", *SHORT, "--ideal", "--seed", "2").code == 0
@@ -132,6 +140,7 @@ def test_an_outline_that_cannot_be_pushed_does_not_stop_the_rest(simulate):
         (("--workers", "0"), "workers is 0; allowed is 1 or more"),
         (("--dask", "nowhere"), "no Dask scheduler answers at 'nowhere'"),
         (("--replay", "real.txt", "--knocks", "--ideal"), "its file; no options of pushes can go with it"),
+        (("--shard", "3/2"), "--shard is '3/2'; allowed is K/N"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_nothing(fails, words, said):

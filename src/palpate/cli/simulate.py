@@ -47,6 +47,7 @@ def simulate(
     replay: Annotated[tyro.conf.UseAppendAction[tuple[Path, ...]], arg("FILE", "none")] = (),
     seed: Annotated[int, arg("N")] = 0,
     unit: Annotated[int | None, arg("N", "another unit for each")] = None,
+    shard: Annotated[str | None, arg("K/N", "all")] = None,
     resume: bool = False,
     workers: Workers = Workers(),
     json: Json = False,
@@ -60,6 +61,7 @@ def simulate(
         replay: Render touch images for the motion of a real recording instead. Repeat for more.
         seed: The same seed gives the same files.
         unit: Seed of one sensor unit for all recordings.
+        shard: Make every Nth recording from the Kth on, as one of N machines.
         resume: Keep the recordings that are there and make the rest.
     """
     from palpate.geometry.shapes import SHAPES
@@ -87,6 +89,10 @@ def simulate(
             shapes[name] = load_shape(given, pushes.shape_unit)
         given = {name: getattr(pushes, name) for name in ("seconds", "images", "knocks", "ideal")}
         simulations = plan(shapes, pushes.count, seed, unit=unit, sensor=known_sensor(pushes.sensor), **given)
+        first, _, machines = (shard or "1/1").partition("/")
+        if not (first.isdecimal() and machines.isdecimal() and 1 <= int(first) <= int(machines)):
+            raise SettingError(f"--shard is {shard!r}; allowed is K/N, the Kth of N parts, such as 1/4")
+        simulations = dict(list(simulations.items())[int(first) - 1 :: int(machines)])
         with progress_bar("simulating", len(simulations)) as progress:
             outcome = simulate_folder(folder, simulations, progress=progress, **options)
     for name, why in outcome.failed.items():
