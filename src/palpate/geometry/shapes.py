@@ -223,11 +223,15 @@ class Polygon(_Cornered):
     def signed_distance(self, points: ArrayLike) -> Array:
         """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
         points = np.asarray(points, dtype=np.float64)
-        return polygon.signed_distance(self._corners, points.reshape(-1, 2)).reshape(points.shape[:-1])
+        return self._distance(points.reshape(-1, 2)).reshape(points.shape[:-1])
 
     @cached_property
     def _corners(self) -> Array:
         return np.array(self.vertices)
+
+    @cached_property
+    def _distance(self) -> polygon.PolygonDistance:
+        return polygon.PolygonDistance(self._corners)
 
 
 Shape = Disc | Rectangle | Ellipse | Polygon
