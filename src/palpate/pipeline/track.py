@@ -133,8 +133,9 @@ def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Est
             if last is None and (isinstance(error, FrameError) or index + 1 == len(recording)):
                 raise
             skipped.append(error)
-            if len(skipped) == 1:
-                logger.warning("%s; it is skipped, as are further ones, which are status faulty", error)
+            if len(skipped) <= 5:
+                more = ", further ones without a word" if len(skipped) == 5 else ""
+                logger.warning("%s; it is skipped%s", error, more)
             if last is not None:
                 last = replace(last, time=when, status="faulty", reason=str(error))
                 yield last, False, (time.perf_counter() - start) * 1e3
