@@ -1,7 +1,7 @@
 """Your own outline: from a drawing, from a table of corners, or from a scan, for whatever tracks it.
 
 Here all three are made up of one bracket, 90 mm by 60 mm: a drawing as SVG, its corners in millimetres, and 600 points
-round it with a noise of 0.3 mm.
+round it with a noise of 0.3 mm, which are smoothed.
 """
 
 import sys
@@ -11,6 +11,7 @@ from tempfile import mkdtemp
 import matplotlib
 import numpy as np
 import shapely
+from scipy.ndimage import gaussian_filter1d
 
 import palpate
 
@@ -26,11 +27,13 @@ page = '<svg xmlns="http://www.w3.org/2000/svg" width="90mm" height="60mm" viewB
 np.savetxt(folder / "bracket.csv", CORNERS, header="x y [mm]")
 along = np.linspace(0.0, 1.0, 600, endpoint=False)
 scan = shapely.get_coordinates(shapely.Polygon(CORNERS).exterior.interpolate(along, normalized=True))
-np.savetxt(folder / "scan.csv", scan + np.random.default_rng(0).normal(scale=0.3, size=scan.shape))
+scan += np.random.default_rng(0).normal(scale=0.3, size=scan.shape)
+smooth = gaussian_filter1d(scan, 2.0, axis=0, mode="wrap")  # or the outline would cross itself
+np.savetxt(folder / "scan.csv", smooth[::4])
 
 drawn = palpate.load_shape(folder / "bracket.svg")  # its page says how large it is
 typed = palpate.load_shape(folder / "bracket.csv", unit="mm")
-found = palpate.load_shape(folder / "scan.csv", unit="mm")  # warns of the noise
+found = palpate.load_shape(folder / "scan.csv", unit="mm")
 box = palpate.load_shape("0.09x0.06")  # [m]
 for name, shape in (("drawn", drawn), ("typed", typed), ("scanned", found), ("box", box)):
     middle = 1e3 * shape.centroid

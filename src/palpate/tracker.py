@@ -24,7 +24,7 @@ from palpate.graph.variables import LAG
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection
-from palpate.touch.pipeline import Touch, TouchReader
+from palpate.touch.pipeline import ReplayedTouch, Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.types.estimate import Estimate, Trajectory
 from palpate.types.measurements import (
@@ -79,12 +79,14 @@ class Tracker:
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
         correction = calibration.direction if calibration else UNCORRECTED
-        pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
+        is_own = self._is_touch_given and not isinstance(touch, ReplayedTouch)
+        correction = touch.correction if isinstance(touch, ReplayedTouch) else correction
+        pitch_sigma = 0.0 if is_own else sensor.pixel_pitch_sigma
         self._bank = HypothesisBank(
             contact_model(shape, sensor),
             replace(settings, noise=with_correction(settings.noise, correction, pitch_sigma)),
             *self._first,
-            may_be_mirrored=not (is_view_known or self._is_touch_given),
+            may_be_mirrored=not (is_view_known or is_own),
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
         self._begin()

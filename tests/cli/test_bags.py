@@ -47,7 +47,7 @@ def test_info_lists_topics_and_what_would_be_read(succeeds, json_of):
 
 
 def test_track_reads_a_bag_and_writes_messages(succeeds):
-    assert "in contact" in succeeds(*TRACK, "--tactile", "learnt", "--mcap")
+    assert "contact_frames" in succeeds(*TRACK, "--tactile", "learnt", "--mcap")
     online = np.genfromtxt("runs/push/estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert online["time"].tolist() == (image_times() / 1e9).tolist()
     poses = [message.pose.position for message in messages("runs/push/estimates.mcap", "/palpate/object_pose")]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from palpate import Trajectory
 from palpate.geometry import se2
@@ -58,7 +59,7 @@ def test_nees_of_samples_and_of_unusable_covariances():
     assert np.isnan(unknown).all() and not metrics.inside_95(unknown).any()
 
 
-def test_log_likelihood_by_hand():
+def test_log_likelihood_and_crps_by_hand():
     # Sigma of 1 mm, 1 mm and 0.1 rad: log det = 2 log 1e-6 + log 1e-2. The first is 2 sigma off along x.
     covariance = np.array([np.diag([1e-6, 1e-6, 1e-2])] * 3)
     pose, truth = np.zeros((3, 3)), np.array([[2e-3, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3])
@@ -66,6 +67,15 @@ def test_log_likelihood_by_hand():
     at_mean = -0.5 * (2 * np.log(1e-6) + np.log(1e-2) + 3 * np.log(2 * np.pi))
     found = metrics.log_likelihood(squared, covariance)
     assert found == pytest.approx([at_mean - 2.0, at_mean, np.nan], nan_ok=True)
+    # With all covariances times k the mean is at_mean - (1.5 log k + 1 / k), best where k = 2 / 3, the mean NEES / 3.
+    factors = np.linspace(0.3, 1.5, 1201)
+    best = np.max(at_mean - 1.5 * np.log(factors) - 1.0 / factors)
+    assert np.mean(found[:2]) + metrics.gain_by_rescaling(squared[:2]) == pytest.approx(best, abs=1e-5)
+    # CRPS by its definition, the integral of (Phi(x) - [x >= error])^2.
+    x = np.linspace(-12.0, 12.0, 240_001)
+    for error, deviation in ((0.0, 1.0), (1.5, 1.0), (-3.0, 0.5)):
+        by_hand = np.trapezoid((norm.cdf(x / deviation) - (x >= error)) ** 2, x)
+        assert metrics.crps(error, deviation) == pytest.approx(by_hand, abs=1e-3)
 
 
 def test_silently_wrong_is_far_off_outside_and_without_doubt():

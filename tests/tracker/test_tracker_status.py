@@ -216,7 +216,7 @@ def test_a_system_that_stays_indeterminate_names_frame_and_reason_and_costs_one_
 @pytest.mark.parametrize("far", [0, 1])
 def test_a_pose_is_uncertain_beyond_the_tolerance_at_two_standard_deviations(far):
     # 4 mm and 0.04 rad, exact but for them: within 8 mm and 0.08 rad at two standard deviations.
-    at = [math.hypot(1.0, 1.0), 0.0, 0.0]
+    at = np.array([1.4, 0.0, 0.0])
     for factor, status in ((1.01, "resting"), (0.99, "uncertain")):
         tolerance = [1.0, 1.0]
         tolerance[far] = factor * (8e-3, 0.08)[far]

@@ -5,12 +5,10 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from palpate.checks import METRES
 from palpate.cli.console import print_line, report
 from palpate.cli.options import Force, Json, Orientation, Sensor, arg, check_new
 from palpate.cli.recordings import about_calibration
 from palpate.errors import FileError, SettingError
-from palpate.files import numbers_of
 
 if TYPE_CHECKING:
     from palpate.types.images import Image
@@ -18,6 +16,9 @@ if TYPE_CHECKING:
 
 def metres(words: str) -> float:
     """Return a length such as 8mm [m]; raises SettingError on anything else."""
+    from palpate.checks import METRES
+    from palpate.files import numbers_of
+
     found = re.fullmatch(r"\s*([0-9.]+)\s*(mm|cm|m|in)\s*", words)
     number = numbers_of([found[1]]) if found else None
     if not found or not number or number[0] <= 0.0:

@@ -350,7 +350,7 @@ class HypothesisBank:
         sign, time = self._rows.sign, self._times[-1]
         groups = [group for group in (np.flatnonzero(sign > 0.0), np.flatnonzero(sign < 0.0)) if len(group)]
         if len(groups) == 2:
-            is_disturbed, detected = window.costs()[..., 2].any(axis=1), disturbance_alarms(window)
+            is_disturbed, detected = np.asarray(window.costs()[..., 2].any(axis=1)), disturbance_alarms(window)
             best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
             self._contradicted = self._contradicted | detected[best]
             if self._contradicted.any():

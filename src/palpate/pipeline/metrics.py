@@ -66,6 +66,24 @@ def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
     return -0.5 * (np.asarray(nees) + log_determinant + 3.0 * np.log(2.0 * np.pi))
 
 
+def gain_by_rescaling(nees: ArrayLike) -> float:
+    """Return the gain of a mean log likelihood [nats] by the best common factor on covariances, mean NEES / 3."""
+    mean = max(float(np.mean(nees)), 1e-12)  # of estimates without any error, the gain would be infinite
+    return 0.5 * (mean - 3.0 - 3.0 * float(np.log(mean / 3.0)))
+
+
+def crps(error: ArrayLike, deviation: ArrayLike) -> Array:
+    """Return the continuous ranked probability score of errors (...) under a normal of a deviation (...), in its unit.
+
+    Smaller is better; it is the mean error of an estimate without a deviation.
+    """
+    from scipy.special import ndtr
+
+    z = np.asarray(error) / np.asarray(deviation)
+    density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+    return np.asarray(deviation) * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / np.sqrt(np.pi))
+
+
 def is_far(translation: Array, rotation: Array) -> Flags:
     """Return True where an estimate is wrong by its errors, (N,) [mm] and (N,) [deg]."""
     return (translation > 10.0) | (np.abs(rotation) > 5.0)
@@ -121,6 +139,8 @@ def summarise(
     inside, since = inside_95(squared), since_contact(contact, squared)
     scored_contact, wide = since & contact, deviations(covariance)[0]
     nats = log_likelihood(squared, covariance)[scored_contact]
+    along = se2.log(se2.between(online.pose, truth))[scored_contact, :2]
+    axes = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[scored_contact, :2])
     silent = is_far(translation, rotation) & ~inside & np.isin(status, CONTENT)
     return {
         "frames": len(online),
@@ -137,6 +157,8 @@ def summarise(
         "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
         "nees_mean": None if consistency is None else float(np.mean(consistency)),
         "nats": _mean(nats),
+        "nats_rescaled": _mean(nats + gain_by_rescaling(squared[scored_contact])) if len(nats) else None,
+        "crps_mm": _mean(1e3 * crps(along, axes)),
         "sigma_mm": float(np.median(1e3 * wide[scored_contact])) if len(nats) else None,
         "statuses": dict(Counter(status)),
         "yaw_shows": yaw_shows,

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 import palpate
 from palpate.files import whole_file
 from palpate.lab.study.study import Study, StudySettings, Trial, described
-from palpate.pipeline.metrics import inside_95, since_contact
+from palpate.pipeline.metrics import gain_by_rescaling, inside_95, since_contact
 
 ALL = "all groups"
 LOST_ABOVE = {"mm": 50.0, "deg": 30.0}
@@ -74,7 +74,8 @@ def table(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, dict[str
     final_mm, final_deg: {median, worst} of the error at the last frame with truth;
     nees: {median, mean} and inside_95: share in the 95 % region, both of all frames since the first contact;
     contact_inside_95, rest_inside_95, final_inside_95: share of frames in contact, at rest, and of the last ones;
-    nats: mean log likelihood of frames in contact; sigma_mm: mean over sequences;
+    nats, nats_rescaled: mean log likelihood of frames in contact, and with the best factor on covariances;
+    crps_mm, sigma_mm: means over sequences;
     silently_wrong: mean of the share of such frames, see `metrics.summarise`;
     knocks, lost: their number;
     and of all sequences ambiguous: share of the frames in contact with that status, and step_ms: {p50, p95, p99},
@@ -141,6 +142,7 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
 
     frames = [np.count_nonzero(s & trial.contact) for trial, s in zip(trials, since, strict=True)]
     nats = [trial.summary["nats"] * n for trial, n in zip(trials, frames, strict=True) if n]
+    stated = sum(nats) / sum(frames) if nats else None
     judged = [trial.summary for trial in trials if trial.summary.get("ambiguous_share") is not None]
     ambiguous = [each["ambiguous_share"] * each["contact_frames"] for each in judged]
     return {
@@ -148,7 +150,9 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
         **{name: {"median": _of(median, known(key)), "worst": _of(max, known(key))} for name, key in FINALS.items()},
         "nees": {"median": _of(np.median, nees), "mean": _of(np.mean, nees)},
         **{f"{kind}inside_95": _of(np.mean, inside_95(np.concatenate(some))) for kind, some in pooled.items()},
-        "nats": sum(nats) / sum(frames) if nats else None,
+        "nats": stated,
+        "nats_rescaled": None if stated is None else stated + gain_by_rescaling(np.concatenate(pooled["contact_"])),
+        "crps_mm": _of(fmean, known("crps_mm")),
         "sigma_mm": _of(fmean, known("sigma_mm")),
         "silently_wrong": _of(fmean, known("silently_wrong_share")),
         "knocks": sum(known("knocks")),

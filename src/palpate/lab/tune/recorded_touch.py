@@ -19,11 +19,11 @@ from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, turned_as
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.pipeline import TouchReader
+from palpate.touch.pipeline import ReplayedTouch, TouchReader
 from palpate.touch.touch_model import TouchModel, shipped_model
-from palpate.tracker import Tracker, with_correction
+from palpate.tracker import Tracker
 from palpate.types.estimate import Trajectory
-from palpate.types.measurements import Frame, Measurement
+from palpate.types.measurements import Measurement
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
@@ -111,17 +111,19 @@ def record_touch(
 
 
 def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajectory:
-    """Return the online estimates, as `track` finds them unless images turn out to lie mirrored.
+    """Return the online estimates, as `track` finds them.
 
     Raises EstimationError if the estimator cannot go on.
     """
     recording = recorded.recording
     first, sigma = first_pose_of(recording, settings.noise)
-    touch = None if recorded.measurements is None else _Replayed(recording.time, recorded.measurements)
+    touch = (
+        None
+        if recorded.measurements is None
+        else ReplayedTouch(recording.time, recorded.measurements, recorded.correction)
+    )
     tactile = recorded.tactile or settings.tactile
-    pitch_sigma = recording.sensor.pixel_pitch_sigma if touch else 0.0
-    noise = with_correction(settings.noise, recorded.correction, pitch_sigma)
-    settings = replace(settings, tactile=tactile, noise=noise)
+    settings = replace(settings, tactile=tactile)
     start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
     tracker = Tracker(recording.shape, recording.sensor, first, settings, touch=touch, **start)
     return gathered([estimate for estimate, *_ in tracked_frames(tracker, recording)])[0]
@@ -135,20 +137,6 @@ def _record_file(
         return name, record_touch(load_recording(path), tactile, model, calibration)
     except PalpateError as error:
         return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
-
-
-class _Replayed:
-    """A source of touch measurements that repeats recorded ones."""
-
-    def __init__(self, time: Array, measurements: tuple[Measurements, ...]) -> None:
-        self._measurements = dict(zip(time.tolist(), measurements, strict=True))
-
-    def measure(self, frame: Frame) -> Measurements:
-        """Return the measurements recorded at the time of a frame."""
-        return self._measurements[frame.time]
-
-    def end_contact(self) -> None:
-        """Do nothing: the measurements hold whatever a contact changes."""
 
 
 def _measured(
