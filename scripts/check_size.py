@@ -11,15 +11,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {
-    "lines of the product": 15000,  # goal 12000
-    "lines of the laboratory": 7000,  # goal 6000
-    "files in src": 140,
-    "lines of tests": 15000,
-    "lines of scripts and benchmarks": 2500,
+    "lines of the product": 13500,  # goal 12000
+    "lines of the laboratory": 6050,  # goal 6000
+    "files in src": 132,
+    "lines of tests": 14000,
+    "lines of scripts and benchmarks": 2450,
     "words of docs": 18000,
-    "numeric module constants": 165,
+    "numeric module constants": 160,
     "docstrings that open with a question word": 6,
-    "percent of test lines in files that import inner modules": 46,
+    "percent of test lines in files that import inner modules": 43,
 }
 SUFFIXES = {".py", ".pyi", ".j2", ".js", ".sh", ".md"}
 QUESTION = re.compile(r"(?:Return )?(what|whether|how|where|why)\b", re.IGNORECASE)

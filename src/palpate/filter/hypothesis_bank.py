@@ -4,8 +4,8 @@ While nothing is doubtful there is one. Others are added, and the one in which n
 
 - if touch and pushing contradict each other: something else may have moved the object (`disturbance_alarms`);
 - if a contact begins with a rough belief: the sensor may have met the object at several places (`contact_hypotheses`);
-- until it is known how touch images lie: turned by half a turn or mirrored, touch measures the other side of the tip.
-  A second group of hypotheses takes all of touch with the opposite sign, and pushing soon contradicts the wrong group.
+- until it is known how touch images lie: turned by half a turn or mirrored, touch measures the other side of the tip,
+  so each hypothesis has a twin that takes all of touch with the opposite sign. Pushing soon contradicts the wrong one.
 """
 
 import logging

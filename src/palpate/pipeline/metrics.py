@@ -68,7 +68,7 @@ def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
 
 def gain_by_rescaling(nees: ArrayLike) -> float:
     """Return the gain of a mean log likelihood [nats] by the best common factor on covariances, mean NEES / 3."""
-    mean = max(float(np.mean(nees)), 1e-12)  # of estimates without any error, the gain would be infinite
+    mean = max(float(np.mean(np.asarray(nees))), 1e-12)  # of estimates without any error, the gain would be infinite
     return 0.5 * (mean - 3.0 - 3.0 * float(np.log(mean / 3.0)))
 
 
