@@ -68,7 +68,7 @@ class HypothesisBank:
         tolerance = (length, math.inf if is_round(model) else angle)  # a round object looks alike at every yaw
         self._monitor = ConsistencyMonitor(model, settings.noise, tolerance)
         self._is_right: dict[type, bool] = {}  # classes of own measurements: True if their Jacobian is right
-        self._may_be_mirrored = may_be_mirrored
+        self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
         """True if touch images are taken as turned by half a turn or mirrored."""
         outline_places(model)  # computed now, not when a contact begins
