@@ -78,9 +78,9 @@ class Tracker:
         self._gate = InputGate(sensor, calibration, settings.noise.sensor_pose.deviation)
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
-        correction = calibration.direction if calibration else UNCORRECTED
-        is_own = self._is_touch_given and not isinstance(touch, ReplayedTouch)
-        correction = touch.correction if isinstance(touch, ReplayedTouch) else correction
+        is_own, correction = self._is_touch_given, calibration.direction if calibration else UNCORRECTED
+        if isinstance(touch, ReplayedTouch):
+            is_own, correction = False, touch.correction
         pitch_sigma = 0.0 if is_own else sensor.pixel_pitch_sigma
         self._bank = HypothesisBank(
             contact_model(shape, sensor),

@@ -157,14 +157,15 @@ class TouchReader:
 
 
 def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
-    """Return the angle on a round gel for one that a model reads, which takes the image to be as wide as the pad.
+    """Return the factor on angles that a model reads, since it takes an image to show the whole width of the pad.
 
-    A model that was trained on presses reads angles as they are, and a flat pad shows its edges. None is any other.
+    It is 1 for models trained on presses, which read angles as they are, and for flat pads, which show their edges.
     """
     if sensor.flat_width or (model is not None and "turn" not in model.settings.spread):
         return 1.0
-    # The border of a narrow image cuts off what is outside of it of a side's imprint, some 10 mm wide, and what is left
-    # moves less. Medians of 96 simulated pushes; a ball, which shows whole, is then told up to 1.15 times too far.
+    # The imprint of a straight side is some 10 mm wide. A narrow image cuts it off at its border, so that its middle
+    # moves less than the contact; the second term, fitted on 96 simulated pushes, makes up for it. The imprint of a
+    # ball is not cut off, so that its angle comes out up to 15 % too large.
     return sensor.shown + 0.06 * math.log1p(math.exp((0.83 - sensor.shown) / 0.09))
 
 
