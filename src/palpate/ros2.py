@@ -40,7 +40,7 @@ from palpate.types.estimate import Estimate
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
 from palpate.types.measurements import finite_numbers
 from palpate.types.sensor import DIGIT
-from palpate.types.space import GelPoses
+from palpate.types.space import GelPoses, Placement
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that the node subscribes to; users remap them."""
@@ -145,7 +145,7 @@ class Topics(MessageSink):
     def __init__(self, node: Any) -> None:
         """Take the node. Raises SettingError if a parameter is unusable."""
         gel, normal = _numbers(node, "sensor_T_gel", 7), _numbers(node, "plane") or (0.0, 0.0, 1.0)
-        self._node, self._place = node, GelPoses(gel, normal)
+        self._node, self._place = node, GelPoses(Placement(sensor_T_gel=gel, plane=(normal[0], normal[1], normal[2])))
         self._view = camera_view(str(_parameter(node, "orientation") or ""))
         self._clock = node.get_clock()
         self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds

@@ -47,7 +47,7 @@ def live(
     from palpate.tracker import Tracker
     from palpate.types.estimate import Estimate
     from palpate.types.sensor import DIGIT
-    from palpate.types.space import GelPoses
+    from palpate.types.space import GelPoses, Placement
 
     if touch.tactile == "oracle":
         raise SettingError("--tactile oracle needs ground truth, which is unknown live")
@@ -71,7 +71,7 @@ def live(
             if not abs(bag.time_offset) <= 1.0:
                 raise SettingError(f"--time-offset is {bag.time_offset:g}; allowed are -1 to 1 s")
             name, shape = f"camera {camera}", load_shape(bag.shape, bag.shape_unit)
-            place = GelPoses(bag.sensor_T_gel, bag.plane)
+            place = GelPoses(Placement(sensor_T_gel=bag.sensor_T_gel, plane=bag.plane))
             opened = camera_sources(camera, poses, turned_as(DIGIT, unit), place, bag.orientation, bag.time_offset)
             with progress_bar("looking for images and poses"):
                 sources = stack.enter_context(opened)

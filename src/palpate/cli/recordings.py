@@ -136,7 +136,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
 
     found, choices, profile = contents(path), BagChoices(orientation=orientation), known_sensor(sensor)
     bag: dict[str, Any] = {"topics": [topic.about() for topic in found.topics]}
-    bag["frames"] = {child: " or ".join(above) for child, above in found.parents.items()}
+    bag["frames"] = {child: " or ".join(stream.frames) for child, stream in found.transforms.items()}
     try:
         recording = read_contents(found, Disc(0.05), choices, profile).recording
     except FileError as error:

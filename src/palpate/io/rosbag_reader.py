@@ -6,8 +6,9 @@ outline of the object, so `rosbag_recording.read_bag` makes a recording of one t
 
 import logging
 from array import array
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,9 @@ import numpy as np
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file, read_text
 from palpate.io.mcap_file import CutShort, begins_with, is_mcap, mcap_messages
-from palpate.io.ros_messages import TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
+from palpate.io.ros_messages import BOOL, POSE_TYPES, TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.recording import Recording
+from palpate.types.space import Placed, Times, placed_at
 
 logger = logging.getLogger(__name__)
 
@@ -100,18 +102,23 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
         raise FileError(f"{path}: cannot be read ({one_line(error)}); `{repair}` may repair it") from error
 
 
+integers = partial(array, "q")
+"""An array of integers, as a bag may hold millions of messages."""
+
+
 @dataclass
 class Topic:
     """The messages of one channel in numbers."""
 
     channel: Channel
-    # Arrays of integers, as a bag may hold millions of messages.
-    log_times: "array[int]" = field(default_factory=lambda: array("q"))
+    log_times: "array[int]" = field(default_factory=integers)
     """Times of recording [ns]."""
-    stamps: "array[int]" = field(default_factory=lambda: array("q"))
+    stamps: "array[int]" = field(default_factory=integers)
     """Header stamps [ns] of messages that are read."""
-    offsets: "array[int]" = field(default_factory=lambda: array("q"))
+    offsets: "array[int]" = field(default_factory=integers)
     """These stamps less the times of recording [ns]."""
+    flags: dict[int, bool] = field(default_factory=dict)
+    """Contact flags by their times of recording [ns]."""
     damaged: int = 0
     """Number of messages that do not decode."""
     error: FileError | None = None
@@ -148,21 +155,48 @@ class Topic:
         }
 
 
+@dataclass
+class PoseStream:
+    """Poses of one topic, or of one frame that transforms place."""
+
+    name: str
+    frames: list[str] = field(default_factory=list)
+    """Frames that they are given in; several contradict one another."""
+    is_static: bool = False
+    """True for transforms that hold at all times."""
+    times: dict[str, "array[int]"] = field(default_factory=lambda: {"log": integers(), "header": integers()})
+    """Times [ns] by clock."""
+    numbers: "array[float]" = field(default_factory=partial(array, "d"))
+    """Seven of each pose: position x, y, z [m] and quaternion x, y, z, w."""
+
+    def placed(self, clock: str, time: Times) -> Placed:
+        """Return the poses at times (M,) [ns] of a clock."""
+        numbers = np.array(self.numbers).reshape(-1, 7)
+        return placed_at(self.name, np.array(self.times[clock], np.int64), numbers, time, self.is_static)
+
+
 @dataclass(frozen=True)
 class Contents:
-    """Contents of a bag."""
+    """Contents of a bag, but for its images."""
 
     path: Path
     topics: tuple[Topic, ...]
     """Sorted by name."""
-    parents: dict[str, list[str]]
-    """Parent of each frame that a transform places; several where transforms contradict each other."""
+    poses: dict[str, PoseStream]
+    """Poses by topic."""
+    transforms: dict[str, PoseStream]
+    """Transforms by the frame that they place."""
+
+    def named(self, types: Collection[str]) -> list[str]:
+        """Return the names of topics of some types that are read."""
+        return [topic.channel.topic for topic in self.topics if topic.channel.is_read and topic.channel.type in types]
 
 
 def contents(path: Path) -> Contents:
     """Read a bag through and summarise it; warns where it is cut off. Raises FileError if it holds nothing."""
     topics: dict[Channel, Topic] = {}
-    parents: dict[str, list[str]] = {}
+    poses: dict[str, PoseStream] = {}
+    transforms: dict[str, PoseStream] = {}
     cut = None
     try:
         for raw in bag_messages(path):
@@ -178,9 +212,18 @@ def contents(path: Path) -> Contents:
             if (stamp := stamp_of(message)) is not None:
                 topic.stamps.append(stamp)
                 topic.offsets.append(stamp - raw.log_time)
-            for pose in poses_of(message) if raw.channel.type in TRANSFORM_TYPES else ():
-                if pose.frame not in (found := parents.setdefault(pose.child, [])):
-                    found.append(pose.frame)
+            if raw.channel.type == BOOL:
+                topic.flags[raw.log_time] = bool(message.data)
+            is_transform = raw.channel.type in TRANSFORM_TYPES
+            for pose in poses_of(message) if is_transform or raw.channel.type in POSE_TYPES else ():
+                name, streams = (pose.child, transforms) if is_transform else (raw.channel.topic, poses)
+                stream = streams.setdefault(name, PoseStream(name))
+                stream.is_static |= topic.is_static
+                if pose.frame not in stream.frames:
+                    stream.frames.append(pose.frame)
+                stream.times["log"].append(raw.log_time)
+                stream.times["header"].append(pose.stamp)
+                stream.numbers.extend(pose.numbers)
     except CutShort as error:
         cut = error
     if not topics:
@@ -188,4 +231,4 @@ def contents(path: Path) -> Contents:
     if cut:
         count = sum(len(topic.log_times) for topic in topics.values())
         logger.warning("%s; the %d messages before that are read", cut, count)
-    return Contents(path, tuple(topics[channel] for channel in sorted(topics)), parents)
+    return Contents(path, tuple(topics[channel] for channel in sorted(topics)), poses, transforms)

@@ -160,10 +160,11 @@ class Recording:
         - contact: (N,) True for each image in which the sensor touches the object.
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
-        from palpate.types.from_arrays import check_upright, encoded_images, nanoseconds, placed_poses, planar_recording
-        from palpate.types.space import checked_choices, on_the_gel
+        from palpate.io.from_arrays import encoded_images, nanoseconds, planar_recording, pose_source
+        from palpate.types.space import Placement
 
-        plane, sensor = checked_choices(plane, off_plane, time_offset), known_sensor(sensor)
+        placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)
+        sensor = known_sensor(sensor)
         if not isinstance(shape, Shape):
             raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
         check_outline(shape)
@@ -180,32 +181,24 @@ class Recording:
         if given is None and flags is None:
             raise FileError("images: found None, and no contact; a recording needs one of them")
 
-        time = time + round(time_offset * 1e9)
-        placed, truth = placed_poses("poses", "pose_time", (pose_time, poses), time), None
-        placed = on_the_gel(placed, sensor_T_gel)
-        known = as_array("object_poses", np.nan if object_poses is None else object_poses)
+        truth, known = None, as_array("object_poses", np.nan if object_poses is None else object_poses)
         if known.dtype.kind != "f" or not np.isnan(known).all():
-            seen = (pose_time if object_time is None else object_time, known)
-            truth = "the object (object_poses)", placed_poses("object_poses", "object_time", seen, time, True)
+            seen_at = pose_time if object_time is None else object_time
+            truth = "the object (object_poses)", pose_source("object_poses", known, "object_time", seen_at)
         size = sensor.image_height, sensor.image_width
-        recording, motion_plane = planar_recording(
+        recording, _ = planar_recording(
             "from_arrays",
             "world",
             time,
-            ("the sensor (poses)", placed),
+            placement,
+            ("the sensor (poses)", pose_source("poses", poses, "pose_time", pose_time)),
             truth,
-            plane,
-            off_plane,
-            touching=flags,
-            images=None
-            if given is None
-            else (lambda indices: encoded_images(given, indices, codec, size, orientation)),
-            contact=flags,
+            None if given is None else lambda indices: encoded_images(given, indices, codec, size, orientation),
+            flags,
+            sensor,
             shape=shape,
-            sensor=sensor,
             source=source,
         )
-        check_upright(placed[placed.known], motion_plane)
         return recording
 
     def oriented(self, orientation: str) -> "Recording":

@@ -6,7 +6,7 @@ axis as the normal, poses in the plane have the x and y of the frame.
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.checks import LONGEST, NUMBERS, TURNS, as_array, check_metres, check_rows, checked_array, is_near
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
+from palpate.types.images import camera_view
 from palpate.types.measurements import finite_numbers
 
 if TYPE_CHECKING:
@@ -29,23 +30,50 @@ Normal = tuple[float, float, float] | Literal["fit"]
 
 LONGEST_GAP = 0.5
 """[s] between two poses of a moving frame, beyond which it is unknown in between."""
-STEEPEST = np.radians(20.0)
-"""Largest angle of an x axis out of the plane [rad]; beyond, its yaw is unreliable."""
+STEEPEST = 20.0
+"""[deg] Largest angle of a sensor's x axis out of the plane, where its yaw is good, or z axis off the normal."""
 
 
-@dataclass(frozen=True, eq=False)
-class Poses:
-    """N poses of one frame in another, `frame_T_child`; they may have times of their own or hold at all times."""
+@dataclass(frozen=True)
+class Placement:
+    """How images and poses of a robot become those of a sensor in a plane; of bags, arrays and live sessions alike."""
 
-    frame: str
-    time: Times
-    """(N,) strictly increasing [ns]."""
-    position: Array
-    """(N, 3) [m]."""
-    rotation: Array
-    """(N, 4) quaternions x, y, z, w."""
-    lost: Times
-    """Times in order at which the pose was not known [ns]."""
+    orientation: str = ""
+    """Words with commas that say how images lie; see `Recording.from_arrays`."""
+    sensor_T_gel: ArrayLike | None = None
+    """Pose of the gel in the frame of the sensor's poses, such as that of a flange; see `Recording.from_arrays`."""
+    time_offset: float = 0.0
+    """Added to the times of the images [s]: negative where they are stamped late."""
+    plane: Normal = (0.0, 0.0, 1.0)
+    """Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's path."""
+    off_plane: float = 0.01
+    """Largest distance of poses from the plane [m]."""
+
+    def __post_init__(self) -> None:
+        camera_view(self.orientation)
+        if self.sensor_T_gel is not None:
+            gel = pose_numbers("sensor_T_gel", [self.sensor_T_gel])
+            check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
+            object.__setattr__(self, "sensor_T_gel", tuple(gel[0].tolist()))  # so that placements compare
+        normal = None if isinstance(self.plane, str) else finite_numbers(self.plane, (3,))
+        if normal is not None:
+            object.__setattr__(self, "plane", tuple(normal.tolist()))
+        elif not isinstance(self.plane, str) or self.plane != "fit":
+            raise SettingError(f"plane is {self.plane!r}; allowed are fit, or three numbers: its normal")
+        length, shift = finite_numbers(self.off_plane, ()), finite_numbers(self.time_offset, ())
+        if length is None or not length > 0.0:
+            raise SettingError(f"off_plane is {self.off_plane!r}; allowed is a length above 0 [m]")
+        if shift is None or abs(shift) > LONGEST:
+            raise SettingError(
+                f"time_offset is {self.time_offset!r}; allowed are up to {LONGEST:g} s, forwards or backwards"
+            )
+
+    def of_gel(self, sensor: "Placed") -> "Placed":
+        """Return the poses of the gel from those of the part that carries it."""
+        if self.sensor_T_gel is None:
+            return sensor
+        now = np.zeros(1, np.int64)
+        return sensor @ placed_at("sensor_T_gel", now, np.array([self.sensor_T_gel]), now)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,41 +82,36 @@ class Placed:
 
     position: Array
     """(M, 3) [m]."""
-    rotation: Array
-    """(M, 4) quaternions x, y, z, w."""
+    rotation: "Rotation"
+    """M rotations of SciPy."""
     known: NDArray[np.bool_]
     """(M,) false before the first pose, after the last and in long gaps, where the nearest pose is given."""
 
     def __getitem__(self, keep: NDArray[np.bool_]) -> "Placed":
         """Return the poses at flagged times (M,)."""
-        return Placed(self.position[keep], self.rotation[keep], self.known[keep])
+        return Placed(self.position[keep], self.rotation[keep], self.known[keep])  # pyright: ignore[reportArgumentType]
 
     def __matmul__(self, other: "Placed") -> "Placed":
-        """Return a_T_c from a_T_b and b_T_c."""
-        turn = rotations(self.rotation)
-        position = self.position + turn.apply(other.position)
-        rotation = (turn * rotations(other.rotation)).as_quat()
-        return Placed(position, rotation, self.known & other.known)
+        """Return a_T_c from a_T_b and b_T_c; one pose holds at all times."""
+        position = self.position + self.rotation.apply(other.position)
+        return Placed(position, self.rotation * other.rotation, self.known & other.known)
 
     def inverse(self) -> "Placed":
         """Return b_T_a from a_T_b."""
-        back = rotations(self.rotation).inv()
-        return Placed(-back.apply(self.position), back.as_quat(), self.known)
+        back = self.rotation.inv()
+        return Placed(-back.apply(self.position), back, self.known)
 
 
-def rotations(quaternions: Array) -> "Rotation":
-    """Return quaternions x, y, z, w (N, 4) as rotations of SciPy, loaded here since only poses in space need it."""
-    from scipy.spatial.transform import Rotation
+def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: bool = False) -> Placed:
+    """Return poses, known at times (N,) [ns] in any order, at other times (M,) [ns].
 
-    return Rotation.from_quat(quaternions)
-
-
-def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
-    """Return poses at times (N,) [ns], positions and quaternions x, y, z, w in rows (N, 7), in the order of time.
-
-    Of several at one time the last counts. Rows with NaN or a quaternion of zeros, as motion capture writes them, are
-    not known. Raises FileError if none is known, or naming a pose that is too far or whose quaternion has not length 1.
+    They are positions and quaternions x, y, z, w in rows (N, 7); of several at one time the last counts. Rows with NaN
+    or a quaternion of zeros, as motion capture writes them, are not known. Positions are interpolated linearly,
+    rotations at an even rate; a static pose, the last, holds at all times. Raises FileError if none is known, or naming
+    a pose that is too far or whose quaternion has not length 1.
     """
+    from scipy.spatial.transform import Rotation, Slerp
+
     is_lost = ~np.isfinite(numbers).all(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
     lost, time, numbers = np.sort(time[is_lost]), time[~is_lost], numbers[~is_lost]
     if not len(time):
@@ -103,70 +126,42 @@ def poses_in_time(name: str, frame: str, time: Times, numbers: Array) -> Poses:
             "position and a quaternion of length 1"
         )
     order = np.argsort(time, kind="stable")
-    time, numbers = time[order], numbers[order]
-    last = np.append(np.diff(time) > 0, True)
-    return Poses(frame, time[last], numbers[last, :3], numbers[last, 3:], lost)
-
-
-def at_times(poses: Poses, time: Times) -> Placed:
-    """Return interpolated poses at times (M,) [ns]: positions linear, rotations at an even rate."""
-    from scipy.spatial.transform import Slerp
-
-    if len(poses.time) == 1:
-        return replace(always(poses, len(time)), known=time == poses.time)
-    seconds, wanted = (poses.time - poses.time[0]) * 1e-9, (time - poses.time[0]) * 1e-9
-    inside = np.clip(wanted, 0.0, seconds[-1])
-    position = np.column_stack([np.interp(inside, seconds, column) for column in poses.position.T])
-    after = np.clip(np.searchsorted(poses.time, time), 1, len(seconds) - 1)
-    moved = np.linalg.norm(np.diff(poses.position, axis=0), axis=1) > 1e-4
-    turns = rotations(poses.rotation)
+    order = order[np.append(np.diff(time[order]) > 0, True)]
+    time, position, turns = time[order], numbers[order, :3], Rotation.from_quat(numbers[order, 3:])
+    if is_static or len(time) == 1:
+        last = np.full(len(wanted), -1)
+        return Placed(position[last], turns[last], (wanted == time[-1]) | is_static)  # pyright: ignore[reportArgumentType]
+    seconds, asked = (time - time[0]) * 1e-9, (wanted - time[0]) * 1e-9
+    inside = np.clip(asked, 0.0, seconds[-1])
+    after = np.clip(np.searchsorted(time, wanted), 1, len(seconds) - 1)
+    moved = np.linalg.norm(np.diff(position, axis=0), axis=1) > 1e-4
     moved |= (turns[:-1].inv() * turns[1:]).magnitude() > 1e-3
-    lost = (moved & (np.diff(seconds) > LONGEST_GAP)) | (np.diff(np.searchsorted(poses.lost, poses.time)) > 0)
+    is_gap = (moved & (np.diff(seconds) > LONGEST_GAP)) | (np.diff(np.searchsorted(lost, time)) > 0)
     # A pose just at the time is known whatever comes before or after it.
-    known = ((time >= poses.time[0]) & (time <= poses.time[-1]) & ~lost[after - 1]) | np.isin(time, poses.time)
-    return Placed(position, Slerp(seconds, turns)(inside).as_quat(), known)
-
-
-def always(poses: Poses, count: int) -> Placed:
-    """Return the last of poses that hold at all times, `count` times."""
-    position, rotation = (np.repeat(values[-1:], count, axis=0) for values in (poses.position, poses.rotation))
-    return Placed(position, rotation, np.ones(count, np.bool_))
-
-
-def on_the_gel(sensor: Placed, sensor_T_gel: ArrayLike | None) -> Placed:
-    """Return the poses of the gel from those of the part that carries it."""
-    if sensor_T_gel is None:
-        return sensor
-    gel = pose_numbers("sensor_T_gel", [sensor_T_gel])
-    check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
-    return sensor @ always(poses_in_time("sensor_T_gel", "sensor", np.zeros(1, np.int64), gel), len(sensor.known))
+    known = ((wanted >= time[0]) & (wanted <= time[-1]) & ~is_gap[after - 1]) | np.isin(wanted, time)
+    between = np.column_stack([np.interp(inside, seconds, column) for column in position.T])
+    return Placed(between, Slerp(seconds, turns)(inside), known)
 
 
 class GelPoses:
     """Poses of a part of a robot, one after the other, as those of its gel in the plane through the first of them."""
 
-    def __init__(self, sensor_T_gel: ArrayLike | None = None, normal: ArrayLike = (0.0, 0.0, 1.0)) -> None:
-        """Take the gel's pose on the part, None for that of the part itself, and the plane's normal."""
-        self._gel, self._normal = sensor_T_gel, np.asarray(normal, np.float64)
+    def __init__(self, placement: Placement) -> None:
+        """Take the gel's pose on the part, and the normal of the plane and distances from it that are allowed."""
+        self._placement = placement
         self.plane: Plane | None = None
         """The plane, known from the first pose in space on."""
 
     def __call__(self, pose: ArrayLike, frame: str = "world") -> Array:
         """Return the gel's pose in the plane (3,). Raises FileError if a pose is none, or leaves frame or plane."""
-        if self._gel is None and np.shape(pose) == (3,):
+        how, now = self._placement, np.zeros(1, np.int64)
+        if how.sensor_T_gel is None and np.shape(pose) == (3,):
             return np.array(pose, np.float64)
-        placed = poses_in_time("pose", frame, np.zeros(1, np.int64), pose_numbers("pose", [pose]))
-        gel = on_the_gel(always(placed, 1), self._gel)
-        self.plane = plane = self.plane or plane_across(frame, self._normal, gel.position)
+        gel = how.of_gel(placed_at("pose", now, pose_numbers("pose", [pose]), now))
+        self.plane = plane = self.plane or plane_across(frame, np.array(how.plane, np.float64), gel.position)
         if frame != plane.frame:
             raise FileError(f"pose: it is given in frame {frame!r}, the first was in {plane.frame!r}")
-        (found,), height, angle = into_plane(plane, gel.position, gel.rotation)
-        if abs(off := height[0] - plane.height) > 0.01:
-            raise FileError(f"pose: it is {off * 1e3:.1f} mm off the plane of the first, allowed are 10 mm")
-        if abs(angle[0]) > STEEPEST:
-            degrees, most = np.degrees((angle[0], STEEPEST))
-            raise FileError(f"pose: the gel's x axis is {degrees:.1f} degrees out of the plane, allowed are {most:.0f}")
-        return found
+        return in_plane("pose", plane, gel, how.off_plane)[0]
 
 
 def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
@@ -177,7 +172,7 @@ def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: Arra
       out of it, z up. None if `pose` is the gel's own.
     - plane: normal of the plane of the push. Raises FileError for a gel whose x axis is far out of it.
     """
-    return GelPoses(sensor_T_gel, plane)(pose)
+    return GelPoses(Placement(sensor_T_gel=sensor_T_gel, plane=plane))(pose)  # pyright: ignore[reportArgumentType]
 
 
 def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
@@ -225,37 +220,16 @@ class Plane:
         return f"plane {tilt:.1f} degrees off its xy plane at {self.height * 1e3:.1f} mm"
 
 
-def checked_choices(plane: Normal, off_plane: float, time_offset: float) -> Normal:
-    """Return the plane as "fit" or a tuple of its normal; raises SettingError if one of the values is not allowed."""
-    is_fit = isinstance(plane, str) and plane == "fit"
-    normal = None if is_fit else finite_numbers(plane, (3,))
-    if normal is None and not is_fit:
-        raise SettingError(f"plane is {plane!r}; allowed are fit, or three numbers: its normal")
-    length, shift = finite_numbers(off_plane, ()), finite_numbers(time_offset, ())
-    if length is None or not length > 0.0:
-        raise SettingError(f"off_plane is {off_plane!r}; allowed is a length above 0 [m]")
-    if shift is None or abs(shift) > LONGEST:
-        raise SettingError(f"time_offset is {time_offset!r}; allowed are up to {LONGEST:g} s, forwards or backwards")
-    return "fit" if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
-
-
-def chosen_plane(what: str, normal: Normal, frame: str, sensor: Placed) -> Plane:
-    """Return the plane of a normal, or the one that fits the sensor's path, with a warning that states it.
+def chosen_plane(what: str, normal: Normal, frame: str, position: Array) -> Plane:
+    """Return the plane of a normal, or the one that fits the sensor's positions (N, 3) [m], with a warning of it.
 
     `what` names the recording in warnings. Raises FileError where there is no such plane.
     """
-    if normal == "fit":
-        plane = _plane_through(frame, sensor.position)
-        words = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
-        logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
-    else:
-        plane = plane_across(frame, np.array(normal, np.float64), sensor.position)
-    if (rotations(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2] < 0.0).all():
-        logger.warning(
-            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
-            "frame is turned about x, or the quaternions have w first",
-            what,
-        )
+    if normal != "fit":
+        return plane_across(frame, np.array(normal, np.float64), position)
+    plane = _plane_through(frame, position)
+    words = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
+    logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
     return plane
 
 
@@ -292,47 +266,35 @@ def _plane_through(frame: str, position: Array) -> Plane:
     return plane_across(frame, np.array(axes[2] if axes[2, 2] >= 0.0 else -axes[2], np.float64), position)
 
 
-def in_plane(what: str, plane: Plane, time: Times, placed: Placed, off_plane: float) -> Array:
-    """Return poses at times (N,) [ns] as poses in the plane (N, 3) [m, m, rad].
+def in_plane(what: str, plane: Plane, placed: Placed, off_plane: float, time: Times | None = None) -> Array:
+    """Return poses as poses in the plane (N, 3) [m, m, rad], whose yaw is that of the x axis about the normal.
 
-    Raises FileError where one is more than `off_plane` [m] off it or too steep, or they seem to be in millimetres;
-    warns where some are tilted.
+    Raises FileError where one is more than `off_plane` [m] off it or too steep, or they seem to be in millimetres. With
+    their times (N,) [ns] they may all be at another height than the plane, and a warning tells where they are tilted.
     """
     check_metres(what, placed.position)
-    pose, height, angle = into_plane(plane, placed.position, placed.rotation)
-    if not len(pose):
-        return pose
-    off = np.abs(height - np.median(height))
+    at, x_axis = placed.position @ plane.axes, placed.rotation.apply([1.0, 0.0, 0.0]) @ plane.axes
+    if not len(at):
+        return at
+    off = np.abs(at[:, 2] - (plane.height if time is None else np.median(at[:, 2])))
+    angle = np.degrees(np.arcsin(np.clip(x_axis[:, 2], -1.0, 1.0)))
+    worst, steepest = int(np.argmax(off > off_plane)), int(np.argmax(np.abs(angle)))
+    when = [" of the first", ""] if time is None else [f" at {each * 1e-9:.3f} s" for each in time[[worst, steepest]]]
     if off.max() > off_plane:
-        worst = int(np.argmax(off > off_plane))
         raise FileError(
-            f"{what} is {off[worst] * 1e3:.1f} mm off the plane at {time[worst] * 1e-9:.3f} s, allowed are "
-            f"{off_plane * 1e3:g} mm; off_plane (--off-plane METRES) allows more, plane (--plane) names another or "
-            "fits one"
+            f"{what} is {off[worst] * 1e3:.1f} mm off the plane{when[0]}, allowed are {off_plane * 1e3:g} mm"
+            + "; off_plane (--off-plane METRES) allows more, plane (--plane) names another or fits one"
+            * (time is not None)
         )
-    steepest = int(np.argmax(np.abs(angle)))
-    degrees = float(np.degrees(angle[steepest]))
     if abs(angle[steepest]) > STEEPEST:
         raise FileError(
-            f"{what} has its x axis {degrees:.1f} degrees out of the plane at {time[steepest] * 1e-9:.3f} s, allowed "
-            f"are {np.degrees(STEEPEST):.0f}; the x axis has to point out of the gel, along the plane; "
-            "sensor_T_gel (--sensor-T-gel) takes the gel's pose on a flange"
+            f"{what} has its x axis {angle[steepest]:.1f} degrees out of the plane{when[-1]}, allowed are "
+            f"{STEEPEST:.0f}; the x axis has to point out of the gel, along the plane; sensor_T_gel (--sensor-T-gel) "
+            "takes the gel's pose on a flange"
         )
-    if abs(degrees) > 2.0:
-        logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(degrees))
-    return pose
-
-
-def into_plane(plane: Plane, position: Array, rotation: Array) -> tuple[Array, Array, Array]:
-    """Return poses in the plane from frame_T_body, positions (N, 3) [m] and quaternions x, y, z, w (N, 4).
-
-    They are plane_T_body (N, 3) [m, m, rad], whose yaw is that of the body's x axis about the normal, with heights (N,)
-    [m] along the normal and angles (N,) [rad] of that x axis out of the plane.
-    """
-    at = position @ plane.axes
-    x_axis = rotations(rotation).apply([1.0, 0.0, 0.0]) @ plane.axes
-    yaw = np.arctan2(x_axis[:, 1], x_axis[:, 0])
-    return np.column_stack([at[:, :2], yaw]), at[:, 2], np.arcsin(np.clip(x_axis[:, 2], -1.0, 1.0))
+    if time is not None and abs(angle[steepest]) > 2.0:
+        logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(angle[steepest]))
+    return np.column_stack([at[:, :2], np.arctan2(x_axis[:, 1], x_axis[:, 0])])
 
 
 def out_of_plane(plane: Plane, pose: Array) -> tuple[Array, Array]:

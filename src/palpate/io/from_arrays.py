@@ -2,34 +2,36 @@
 
 import logging
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
-from palpate.errors import FileError
+from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file
 from palpate.types.images import Codec, camera_view, codec_of, decode_image, encode_image, fitted, turned_image
 from palpate.types.recording import Recording
+from palpate.types.sensor import SensorProfile
 from palpate.types.space import (
     STEEPEST,
-    Normal,
     Placed,
+    Placement,
     Plane,
     Times,
-    at_times,
     chosen_plane,
     in_plane,
+    placed_at,
     pose_numbers,
-    poses_in_time,
-    rotations,
 )
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
+Source: TypeAlias = Callable[[Times], Placed]
+"""Places a frame at times [ns]."""
 
 
 def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
@@ -94,50 +96,35 @@ def encoded_images(
     return tuple(data)
 
 
-def placed_poses(
-    name: str, time_name: str, poses: tuple[ArrayLike, ArrayLike], time: Times, may_be_unknown: bool = False
-) -> Placed:
-    """Return poses, given with times of their own, at times (N,) [ns]; unknown ones hold NaN."""
-    known_at, numbers = nanoseconds(time_name, poses[0]), pose_numbers(name, poses[1])
+def pose_source(name: str, poses: ArrayLike, time_name: str, time: ArrayLike) -> Source:
+    """Return the function that places poses, given with times of their own, at other times; NaN is unknown."""
+    known_at, numbers = nanoseconds(time_name, time), pose_numbers(name, poses)
     if len(known_at) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(known_at)} times, expected one for each")
-    is_known = np.isfinite(numbers[:, 0])
-    if not may_be_unknown:
-        check_rows(name, numbers, is_known, "finite numbers")
-    return at_times(poses_in_time(name, "world", known_at, numbers), time)
-
-
-def check_upright(sensor: Placed, plane: Plane) -> None:
-    """Raise FileError if a sensor's z axis is far off the plane's normal."""
-    upright = np.abs(rotations(sensor.rotation).apply(plane.axes[:, 2], inverse=True)[:, 2])
-    if (roll := np.arccos(min(upright.min(), 1.0))) > STEEPEST:
-        raise FileError(
-            f"poses: the sensor's z axis is up to {np.degrees(roll):.0f} degrees off the plane's normal, allowed are "
-            f"{np.degrees(STEEPEST):.0f}: is w the last of each quaternion?"
-        )
+    return partial(placed_at, name, known_at, numbers)
 
 
 def planar_recording(
     what: str,
     frame: str,
     time: Times,
-    poses: tuple[str, Placed],
-    truth: tuple[str, Placed] | None,
-    normal: Normal,
-    off_plane: float,
-    touching: NDArray[np.bool_] | None,
+    placement: Placement,
+    poses: tuple[str, Source],
+    truth: tuple[str, Source] | None,
     images: Callable[[list[int]], Sequence[bytes]] | None,
     contact: NDArray[np.bool_] | None,
+    sensor: SensorProfile,
     **fields: Any,
 ) -> tuple[Recording, Plane]:
     """Return frames at times (N,) [ns] as a recording in a plane; a warning says how many without pose are left out.
 
-    The plane that fits is that of frames in which `touching` is true, where that is known. Poses of the sensor and
-    truth have their names in errors, `what` is that of the recording; `images` returns those of some frames. Raises
+    The plane that fits is that of frames in contact, by its flags or as images show it. Poses of the sensor and truth
+    have their names in errors, `what` is that of the recording; `images` returns those of some frames. Raises
     FileError.
     """
-    name, placed = poses
-    keep, object_pose = placed.known, None
+    time = time + round(placement.time_offset * 1e9)
+    placed, object_pose = placement.of_gel(poses[1](time)), None
+    keep = placed.known
     if not keep.any():
         raise FileError(
             f"no sensor pose is known at the time of any image, {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; are "
@@ -146,20 +133,43 @@ def planar_recording(
     if left_out := np.count_nonzero(~keep):
         words = "%s: %d of %d images have no sensor pose at their time and are left out"
         logger.warning(words, what, left_out, len(time))
-    in_contact = keep if normal != "fit" or touching is None else keep & touching
-    plane = chosen_plane(what, normal, frame, placed[in_contact if in_contact.any() else keep])
-    sensor_pose = in_plane(name, plane, time[keep], placed[keep], off_plane)
+    image = None if images is None else images(np.flatnonzero(keep).tolist())
+    placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
+    path = placed.position
+    if placement.plane == "fit":
+        touching = _touched(image or (), sensor) if contact is None else contact
+        path = path[touching] if touching.any() else path
+    plane = chosen_plane(what, placement.plane, frame, path)
+    sensor_pose = in_plane(poses[0], plane, placed, placement.off_plane, time)
+    upright = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
+    if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > STEEPEST:
+        raise FileError(
+            f"{poses[0]} has its z axis up to {roll:.0f} degrees off the plane's normal, allowed are {STEEPEST:.0f}: "
+            "is w the last of each quaternion?"
+        )
+    if (upright < 0.0).all():
+        logger.warning(
+            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
+            "frame is turned about x, or the quaternions have w first",
+            what,
+        )
     if truth is not None:
-        known = truth[1].known & keep
-        object_pose = np.full((len(time), 3), np.nan)
-        object_pose[known] = in_plane(truth[0], plane, time[known], truth[1][known], off_plane)
-        object_pose = object_pose[keep]
+        seen, object_pose = truth[1](time), np.full((len(time), 3), np.nan)
+        object_pose[seen.known] = in_plane(truth[0], plane, seen[seen.known], placement.off_plane, time[seen.known])
     recording = Recording(
-        time=time[keep] / 1e9,
-        sensor_pose=sensor_pose,
-        object_pose=object_pose,
-        contact=None if contact is None else contact[keep],
-        image=None if images is None else images(np.flatnonzero(keep).tolist()),
-        **fields,
+        time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, contact=contact, image=image, **fields
     )
     return recording, plane
+
+
+def _touched(images: Sequence[bytes], sensor: SensorProfile) -> NDArray[np.bool_]:
+    """Return flags of images in which the gel looks touched."""
+    from palpate.touch.contact_detector import ContactDetector
+
+    detector, size, flags = ContactDetector(sensor), (sensor.image_height, sensor.image_width), []
+    for image in images:
+        touched = False
+        with suppress(FileError, SettingError):
+            touched = detector.update(detector.read(decode_image(image, size)))
+        flags.append(touched)
+    return np.array(flags, np.bool_)
