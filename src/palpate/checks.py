@@ -1,5 +1,6 @@
 """Checks of numbers from files and users; errors name the field, what was found and what is allowed."""
 
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,14 @@ def checked_poses(name: str, poses: Any, n: int, may_be_unknown: bool = False) -
         good, allowed = good | np.isnan(given).all(axis=1), f"{allowed}, or three NaN"
     check_rows(name, given, good, allowed)
     return given
+
+
+def checked_number(value: Any, least: float, most: float, kind: type = Real) -> float | None:
+    """Return a number in a range, as a float or, of the kind Integral, as an int; None if it is another, or none."""
+    # Compared before it is made a float, which cannot hold every whole number.
+    if not isinstance(value, kind) or isinstance(value, bool) or not least <= value <= most:  # pyright: ignore[reportOperatorIssue]
+        return None
+    return int(value) if kind is Integral else float(value)  # pyright: ignore[reportArgumentType]
 
 
 def is_near(values: NDArray[Any]) -> NDArray[np.bool_]:

@@ -4,33 +4,13 @@ import numpy as np
 from recording_samples import runs
 
 from palpate.lab.paper.images import episode_numbers
-from palpate.types.recording import contact_flags, held, impossible, spikes
+from palpate.types.recording import contact_flags, spikes
 
 
 def test_contact_has_hysteresis_and_lasts_through_what_is_not_known():
     gap = np.array([np.nan, 1.8, 1.4, 1.8, np.nan, 2.1, 1.8, np.nan, 1.0]) * 1e-3
     expected = [False, False, True, True, True, False, False, False, True]
     assert contact_flags(gap, 1.5e-3, 2e-3).tolist() == expected
-
-
-def test_impossible_reaches_from_recovered_to_recovered():
-    gap = np.array([0, -1.9, -2.1, -2.9, -3.1, -2.5, -2.1, -1.9, -2.5, 0]) * 1e-3
-    assert runs(impossible(gap)) == [[2, 7]]
-
-
-def test_held_needs_time_contact_and_motion():
-    time = np.linspace(0.0, 0.099, 100)
-    pose = np.zeros((100, 3))
-    pose[:, 0] = np.arange(100) * 1e-5
-    pose[40:70] = pose[40]
-    tip = np.zeros((100, 2))
-    tip[:, 0] = np.arange(100) * 5e-5
-    touching = np.ones(100, np.bool_)
-    # The pose of sample 40 is measured; 41 to 69 repeat it.
-    assert runs(held(time, pose, tip, touching, 0.02)) == [[41, 70]]
-    assert not held(time, pose, tip, ~touching, 0.02).any()
-    assert not held(time, pose, tip, touching, 0.04).any()
-    assert not held(time, pose, np.zeros((100, 2)), touching, 0.02).any()
 
 
 def test_spikes_go_there_and_back():

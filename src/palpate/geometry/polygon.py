@@ -9,7 +9,6 @@ from palpate.checks import FARTHEST, is_near
 from palpate.errors import ShapeError
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 def checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
@@ -51,14 +50,14 @@ def area_and_centroid(corners: Array) -> tuple[float, Array]:
     return 0.5 * float(cross.sum()), start + cross @ (a + b) / (3.0 * cross.sum())
 
 
-def points_along(corners: Array, count: int) -> tuple[Array, Indices]:
-    """Return about `count` points (M, 2) [m] on the outline, corners and evenly spaced ones, and their edges (M,)."""
+def points_along(corners: Array, count: int) -> Array:
+    """Return about `count` points (M, 2) [m] on the outline: corners and evenly spaced ones."""
     edges = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(edges[:, 0], edges[:, 1])
     parts = np.maximum(np.rint(count * lengths / lengths.sum()).astype(int), 1)
     edge = np.repeat(np.arange(len(corners)), parts)
     fraction = (np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[edge]
-    return corners[edge] + fraction[:, None] * edges[edge], edge
+    return corners[edge] + fraction[:, None] * edges[edge]
 
 
 def mean_distance(corners: Array) -> float:
@@ -82,61 +81,24 @@ def mean_distance(corners: Array) -> float:
     return float((h * (integral(b) - integral(a))).sum() / (3.0 * area))
 
 
-class PolygonDistance:
-    """Exact signed distance from a polygon's outline, negative inside.
-
-    Only edges near a point are looked at. A tree of samples along the outline finds them: with a largest interval h
-    between samples, an edge at a distance d has a sample within sqrt(d^2 + h^2 / 4).
-    """
-
-    def __init__(self, corners: Array) -> None:
-        edges = np.roll(corners, -1, axis=0) - corners
-        self._start_x, self._start_y = np.ascontiguousarray(corners.T)
-        self._edge_x, self._edge_y = np.ascontiguousarray(edges.T)
-        self._length_squared = self._edge_x**2 + self._edge_y**2
-        normal = np.column_stack((self._edge_y, -self._edge_x)) / np.sqrt(self._length_squared)[:, None]
-        at_start = normal + np.roll(normal, 1, axis=0)
-        self._normals = np.stack((at_start, normal, np.roll(at_start, -1, axis=0)), axis=1)
-        """Outward normals at the start of each edge, along it and at its end (N, 3, 2)."""
-        self._tree, self._samples, self._slack = None, 0, 0.0
-        if len(corners) <= 24:  # all edges are looked at sooner
-            return
-        from scipy.spatial import KDTree
-
-        samples, edge = points_along(corners, max(len(corners), 1000))
-        interval = np.roll(samples, -1, axis=0) - samples
-        self._slack = 0.25 * float((interval**2).sum(axis=1).max())
-        self._edges_at, self._samples = np.column_stack((edge, np.roll(edge, 1))), len(samples)
-        # Built thus it finds the nearest of 10 000 samples on a circle four times faster than a balanced tree.
-        self._tree = KDTree(samples, leafsize=32, compact_nodes=False, balanced_tree=False)
-
-    def __call__(self, points: Array) -> Array:
-        """Return the distances (M,) [m] of points (M, 2)."""
-        found = np.empty(len(points))
-        count, unsure = 2 if self._tree else len(self._edge_x), np.arange(len(points))
-        while len(unsure):
-            size = len(unsure) * min(count, len(self._edge_x))
-            parts = np.array_split(unsure, 1 + size // 2**16)  # whose arrays stay in the processor's cache
-            unsure = np.concatenate([part[self._look(points[part], count, found, part)] for part in parts])
-            count *= 2
-        return found
-
-    def _look(self, points: Array, count: int, found: Array, part: Indices) -> NDArray[np.bool_]:
-        """Write the distances from the edges near points to `found`, and flag those near which there may be others."""
-        if self._tree is None or count >= self._samples:
-            edges, reach = np.arange(len(self._edge_x))[None], np.full(len(points), np.inf)
-        else:
-            distance, nearest = self._tree.query(points, count, workers=2)
-            edges, reach = self._edges_at[np.asarray(nearest)[:, :-1]].reshape(len(points), -1), distance[:, -1] ** 2
-        from_start_x, from_start_y = points[:, :1] - self._start_x[edges], points[:, 1:] - self._start_y[edges]
-        edge_x, edge_y = self._edge_x[edges], self._edge_y[edges]
-        along = (from_start_x * edge_x + from_start_y * edge_y) / self._length_squared[edges]
+def signed_distance(corners: Array, points: Array) -> Array:
+    """Return the exact distances (M,) [m] of points (M, 2) from the outline, negative inside."""
+    start_x, start_y = corners.T
+    edge_x, edge_y = (np.roll(corners, -1, axis=0) - corners).T
+    square_length = edge_x**2 + edge_y**2
+    normal = np.column_stack((edge_y, -edge_x)) / np.sqrt(square_length)[:, None]
+    at_start = normal + np.roll(normal, 1, axis=0)
+    normals = np.stack((at_start, normal, np.roll(at_start, -1, axis=0)), axis=1)  # (N, 3, 2): of start, edge and end
+    found = []
+    for x, y in (part.T[:, :, None] for part in np.array_split(points, 1 + len(points) * len(corners) // 2**16)):
+        # In parts whose arrays stay in the processor's cache: the nearest place on all edges.
+        along = ((x - start_x) * edge_x + (y - start_y) * edge_y) / square_length
         along = np.minimum(np.maximum(along, 0.0), 1.0)
-        off_x, off_y = from_start_x - along * edge_x, from_start_y - along * edge_y
+        off_x, off_y = x - start_x - along * edge_x, y - start_y - along * edge_y
         square = off_x**2 + off_y**2
-        best = np.arange(len(points)), square.argmin(axis=1)
-        edge, along, square = np.broadcast_to(edges, square.shape)[best], along[best], square[best]
-        normal = self._normals[edge, (along > 0.0).astype(int) + (along == 1.0)]
-        is_inside = off_x[best] * normal[:, 0] + off_y[best] * normal[:, 1] < 0.0
-        found[part] = np.where(is_inside, -1.0, 1.0) * np.sqrt(square)
-        return reach <= (square + self._slack) * (1.0 + 1e-9)
+        edge = square.argmin(axis=1)
+        best = np.arange(len(x)), edge
+        outward = normals[edge, (along[best] > 0.0).astype(int) + (along[best] == 1.0)]
+        is_inside = off_x[best] * outward[:, 0] + off_y[best] * outward[:, 1] < 0.0
+        found.append(np.where(is_inside, -1.0, 1.0) * np.sqrt(square[best]))
+    return np.concatenate(found)

@@ -3,24 +3,20 @@
 All answer the same questions: `outline`, `signed_distance`, `area`, `centroid` and `friction_radius`.
 """
 
-import logging
 import math
 import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import FARTHEST, METRES, SPAN, other_unit
+from palpate.checks import FARTHEST, METRES, checked_number, other_unit
 from palpate.errors import ShapeError
 from palpate.geometry import polygon
-
-logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -30,11 +26,10 @@ class _Outline(ABC):
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            # Compared before it is made a float, which cannot hold every whole number.
-            if not isinstance(value, Real) or isinstance(value, bool) or not 1e-6 <= value <= FARTHEST:  # pyright: ignore[reportOperatorIssue]
+            if (length := checked_number(value, 1e-6, FARTHEST)) is None:
                 found = f"{type(self).__name__.lower()} {name} is {reprlib.repr(value)}"
                 raise ShapeError(f"{found}; it must be a length from 1e-06 to {FARTHEST:g} m")
-            object.__setattr__(self, name, float(value))
+            object.__setattr__(self, name, length)
 
     @property
     def centroid(self) -> Array:
@@ -74,7 +69,7 @@ class _Cornered(_Outline):
 
     def outline(self, count: int = 200) -> Array:
         """Return about `count` points (N, 2) [m], counter-clockwise: the corners and points between them."""
-        return polygon.points_along(self.corners, count)[0]
+        return polygon.points_along(self.corners, count)
 
     def friction_radius(self) -> float:
         """Return c [m]; see `Shape.friction_radius`."""
@@ -223,15 +218,11 @@ class Polygon(_Cornered):
     def signed_distance(self, points: ArrayLike) -> Array:
         """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
         points = np.asarray(points, dtype=np.float64)
-        return self._distance(points.reshape(-1, 2)).reshape(points.shape[:-1])
+        return polygon.signed_distance(self._corners, points.reshape(-1, 2)).reshape(points.shape[:-1])
 
     @cached_property
     def _corners(self) -> Array:
         return np.array(self.vertices)
-
-    @cached_property
-    def _distance(self) -> polygon.PolygonDistance:
-        return polygon.PolygonDistance(self._corners)
 
 
 Shape = Disc | Rectangle | Ellipse | Polygon
@@ -279,11 +270,9 @@ def wrong_width(shape: Shape, unit: str | None = None) -> str:
 
 
 def check_outline(shape: Shape) -> None:
-    """Raise ShapeError if an outline is wider than any pushed object; warn if it is wider or smaller than most."""
+    """Raise ShapeError if an outline is too large or small to be pushed."""
     if wrong := wrong_width(shape):
-        if shape.extent > SPAN:
-            raise ShapeError(wrong)
-        logger.warning("%s", wrong)
+        raise ShapeError(wrong)
 
 
 def _butterfly() -> Polygon:

@@ -258,33 +258,6 @@ def contact_flags(gap: Array, touch: float, release: float) -> Flags:
     return begins[last] & (last >= 0)
 
 
-def impossible(gap: Array) -> Flags:
-    """Return flags of frames (N,) in which, by the gap (N,) [m], the sensor is inside the object: truth lags behind.
-
-    A gap below -3 mm is impossible between hard bodies, and only late truth explains it, until it is above -2 mm again.
-    """
-    # Lateness grows from nothing, so it is there before the gap crosses the limit: run backwards too.
-    forwards, backwards = (contact_flags(each, -3e-3, -2e-3) for each in (gap, gap[::-1]))
-    return forwards | backwards[::-1]
-
-
-def held(time: Array, object_pose: Array, tip: Array, touching: Flags, longest: float) -> Flags:
-    """Return flags of frames (N,) at which motion capture repeats an old pose instead of measuring a new one.
-
-    A live system measures with noise, so a pose that stays exactly the same for more than `longest` [s],
-    while the tip (N, 2) [m] touches the object and moves more than 0.5 mm, is a drop-out. All of it counts
-    but its first sample. An object at rest may be reported without noise, which is why the tip has to move.
-    """
-    start = np.flatnonzero(np.append(True, (np.diff(object_pose, axis=0) != 0).any(axis=1)))
-    # A hold lasts until the next pose arrives; the last one until the end of the file.
-    end = np.append(start[1:], len(time) - 1)
-    moved = np.hypot(*(tip[end] - tip[start]).T)
-    dropped = (time[end] - time[start] > longest) & (moved > 0.5e-3) & touching[start]
-    flags = np.repeat(dropped, np.diff(np.append(start, len(time))))
-    flags[start] = False
-    return flags
-
-
 def spikes(object_pose: Array) -> Flags:
     """Return flags of frames (N,) whose pose is over 2 mm or 2 degrees off the median of itself and both neighbours.
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST
+from palpate.checks import FARTHEST, checked_number
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
@@ -50,21 +50,27 @@ class SensorProfile:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise SettingError(f"sensor name is {self.name!r}; it must be a string that is not empty")
-        for name in ("radius", "flat_width"):
-            self._check(name, 0.0, FARTHEST, "a length [m], 0 or more")
-        self._check("rate", math.ulp(0.0), 1e6, "a rate [Hz] above 0")
-        if self.half_width is not None:
-            self._check("half_width", math.ulp(0.0), FARTHEST, "a length [m] above 0, or None")
-            if self.half_width < 0.5 * self.flat_width:
-                found = f"sensor {self.name!r} has half_width {self.half_width!r} and flat_width {self.flat_width!r}"
-                raise SettingError(f"{found}; the pad must be as wide as the flat part of its tip, or wider")
-        for name in ("image_height", "image_width"):
-            self._check(name, 0, 65_535, "a whole number [px], 0 or more", Integral)
-        if self.pixel_pitch is not None:
-            self._check("pixel_pitch", 1e-6, 1e-2, "the width of a pixel on the gel [m], 1e-6 to 1e-2, or None")
-        elif self.half_width is not None and self.image_width:
+        allowed = {
+            "radius": (0.0, FARTHEST, "a length [m], 0 or more"),
+            "flat_width": (0.0, FARTHEST, "a length [m], 0 or more"),
+            "rate": (math.ulp(0.0), 1e6, "a rate [Hz] above 0"),
+            "half_width": (math.ulp(0.0), FARTHEST, "a length [m] above 0, or None"),
+            "image_height": (0, 65_535, "a whole number [px], 0 or more"),
+            "image_width": (0, 65_535, "a whole number [px], 0 or more"),
+            "pixel_pitch": (1e-6, 1e-2, "the width of a pixel on the gel [m], 1e-6 to 1e-2, or None"),
+            "pixel_pitch_sigma": (0.0, 0.5, "a share of the pixel pitch, 0 to 0.5"),
+        }
+        for name, (least, most, wanted) in allowed.items():
+            given = getattr(self, name)
+            value = checked_number(given, least, most, Integral if name.startswith("image") else Real)
+            if value is None and (given is not None or name not in ("half_width", "pixel_pitch")):
+                raise SettingError(f"sensor {self.name!r} has {name} {reprlib.repr(given)}; it must be {wanted}")
+            object.__setattr__(self, name, value)
+        if self.half_width is not None and self.half_width < 0.5 * self.flat_width:
+            found = f"sensor {self.name!r} has half_width {self.half_width!r} and flat_width {self.flat_width!r}"
+            raise SettingError(f"{found}; the pad must be as wide as the flat part of its tip, or wider")
+        if self.pixel_pitch is None and self.half_width is not None and self.image_width:
             object.__setattr__(self, "pixel_pitch", 2.0 * self.half_width / self.image_width)
-        self._check("pixel_pitch_sigma", 0.0, 0.5, "a share of the pixel pitch, 0 to 0.5")
         if (self.image_height == 0) != (self.image_width == 0):
             found = f"{self.image_height} rows and {self.image_width} columns"
             raise SettingError(f"sensor {self.name!r} has images of {found}; both must be 0 or both above 0")
@@ -134,13 +140,6 @@ class SensorProfile:
         arc = self.radius * np.column_stack((np.cos(angle) - 1.0, np.sin(angle)))
         arc[:, 1] += 0.5 * self.flat_width * np.sign(angle)
         return [np.array(tip) + np.concatenate([arc, back]) for tip in self.tips]
-
-    def _check(self, name: str, least: float, most: float, wanted: str, kind: type = Real) -> None:
-        value = getattr(self, name)
-        # Compared before it is made a float, which cannot hold every whole number.
-        if not isinstance(value, kind) or isinstance(value, bool) or not least <= value <= most:  # pyright: ignore[reportOperatorIssue]
-            raise SettingError(f"sensor {self.name!r} has {name} {reprlib.repr(value)}; it must be {wanted}")
-        object.__setattr__(self, name, int(value) if kind is Integral else float(value))  # pyright: ignore[reportArgumentType]
 
 
 def sensor_to_dict(sensor: SensorProfile) -> dict[str, Any]:
