@@ -17,7 +17,7 @@ from typing import Any
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
 from palpate.errors import PalpateError, SettingError, one_line
-from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE
+from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, add_estimate
 from palpate.io.outlines import load_shape
 from palpate.io.ros_messages import (
     IMAGE_TYPES,
@@ -31,7 +31,6 @@ from palpate.io.ros_messages import (
     raw_image,
     stamp_of,
 )
-from palpate.live.recorder import add_live_estimate
 from palpate.live.session import LiveSession, stop_on_signals
 from palpate.live.sources import Refused, Sources, TimedPose, TouchImage, checked_pose
 from palpate.touch.calibration import load_calibration, turned_as
@@ -207,7 +206,7 @@ class Topics(MessageSink):
         if isinstance(item, Estimate) and (plane := self._place.plane):
             stamp = self._start + round(item.time * 1e9)
             words = {name.replace("_", " "): str(count) for name, count in counts.items()}
-            add_live_estimate(self, plane, stamp, item, words)
+            add_estimate(self, plane, stamp, item, words)
 
     def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
         """Publish a message."""

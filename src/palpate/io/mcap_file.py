@@ -1,7 +1,7 @@
 """MCAP files: their records from front to back, also of a file that is cut off, and writers of ROS 2 messages."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,30 +21,22 @@ class CutShort(Exception):
 
 
 class MessageWriter(MessageSink):
-    """Puts messages, metadata and attachments into an MCAP that is open."""
+    """Puts messages into an MCAP that is open."""
 
     def __init__(self, writer: Any) -> None:
         """Take the writer of `mcap`."""
-        self._writer = writer
+        self.writer = writer
         self._channels: dict[str, int] = {}
-
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Attach a file, at this place among the messages."""
-        self._writer.add_attachment(0, 0, name, media_type, data)
-
-    def describe(self, name: str, values: dict[str, str]) -> None:
-        """Add a metadata record."""
-        self._writer.add_metadata(name, values)
 
     def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
         """Add a message that was recorded and sent at a time [ns]."""
         store = ros_types("cdr")
         if topic not in self._channels:
             text = store.generate_msgdef(type_, ros_version=2)[0].encode()
-            schema = self._writer.register_schema(type_, "ros2msg", text)
-            self._channels[topic] = self._writer.register_channel(topic, "cdr", schema)
+            schema = self.writer.register_schema(type_, "ros2msg", text)
+            self._channels[topic] = self.writer.register_channel(topic, "cdr", schema)
         data = bytes(store.serialize_cdr(self.make(type_, **fields), type_))
-        self._writer.add_message(self._channels[topic], time, data, time)
+        self.writer.add_message(self._channels[topic], time, data, time)
 
     def make(self, type_: str, **fields: Any) -> Any:
         """Return a message, or a part of one."""
@@ -52,38 +44,25 @@ class MessageWriter(MessageSink):
 
 
 @contextmanager
-def new_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWriter]:
-    """Open a new MCAP that is written whole or not at all; an existing one is replaced only if `overwrite`."""
-    with whole_file(path, overwrite) as temporary, _writing(temporary) as writer:
-        yield writer
+def new_mcap(path: Path | str, overwrite: bool = False, growing: bool = False) -> Iterator[MessageWriter]:
+    """Open a new MCAP that is written whole or not at all; an existing one is replaced only if `overwrite`.
 
-
-@contextmanager
-def growing_mcap(path: Path | str, overwrite: bool = False) -> Iterator[MessageWriter]:
-    """Open a new MCAP that is at its place from the start; all but the last few kB stay if the process is killed.
-
-    Raises FileError where the file exists, unless `overwrite`.
+    One that is `growing` is at its place from the start; all but its last few kB stay if the process is killed.
     """
-    path = new_file(path, overwrite)
-    try:
-        with _writing(path, in_chunks=False) as writer:
-            yield writer
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written ({error})") from error
-
-
-@contextmanager
-def _writing(path: Path, in_chunks: bool = True) -> Iterator[MessageWriter]:
     from mcap.writer import CompressionType, Writer
 
-    with path.open("wb") as file:
-        # Images are compressed already; data checksums find a damaged record anywhere.
-        writer = Writer(file, compression=CompressionType.NONE, use_chunking=in_chunks, enable_data_crcs=True)
-        writer.start(profile="ros2", library="palpate")
+    with nullcontext(new_file(path, overwrite)) if growing else whole_file(path, overwrite) as place:
         try:
-            yield MessageWriter(writer)
-        finally:
-            writer.finish()
+            with place.open("wb") as file:
+                # Images are compressed already; data checksums find a damaged record anywhere.
+                writer = Writer(file, compression=CompressionType.NONE, use_chunking=not growing, enable_data_crcs=True)
+                writer.start(profile="ros2", library="palpate")
+                try:
+                    yield MessageWriter(writer)
+                finally:
+                    writer.finish()
+        except OSError as error:
+            raise FileError(f"{path}: cannot be written ({error})") from error
 
 
 def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:

@@ -20,12 +20,11 @@ from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import existing_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io.mcap_file import CutShort, MessageWriter, front_matter, is_mcap, mcap_messages, nanoseconds, new_mcap
-from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, POSE, decoded
+from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, decoded
 from palpate.io.rosbag_recording import BagChoices, read_bag
-from palpate.types.images import codec_of
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
-from palpate.types.space import flat, out_of_plane
+from palpate.types.space import flat
 
 logger = logging.getLogger(__name__)
 
@@ -43,7 +42,7 @@ def is_recording(path: Path) -> bool:
 def describe(file: MessageWriter, shape: Shape, sensor: SensorProfile, more: Mapping[str, str] | None = None) -> None:
     """Add the metadata that make an MCAP of sensor messages a recording; they come before the first message."""
     about = {"version": VERSION, "shape": json.dumps(shape_to_dict(shape))}
-    file.describe(METADATA, {**about, "sensor": json.dumps(sensor_to_dict(sensor)), **(more or {})})
+    file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(sensor_to_dict(sensor)), **(more or {})})
 
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
@@ -52,11 +51,7 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
         found = type(recording).__name__
         raise SettingError(f"found a {found} to write, expected a Recording; that of read_bag is its .recording")
     stamps = nanoseconds(path, recording.time)
-    plane = flat()
-    sensor, sensor_turn = out_of_plane(plane, recording.sensor_pose)
-    truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
-    known = ~np.isnan(truth[:, 0])
-    placed, object_turn = out_of_plane(plane, np.nan_to_num(truth))
+    plane, truth = flat(), recording.object_pose
     stated = () if recording.first_pose_derived else ("first_pose", "first_pose_sigma")
     poses = {name: getattr(recording, name) for name in (*stated, "set_up_sigma")}
     about = {
@@ -71,20 +66,16 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
             if array is not None:
                 data = io.BytesIO()
                 np.save(data, array, allow_pickle=False)
-                file.attach(f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
+                file.writer.add_attachment(0, 0, f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
         for index, stamp in enumerate(stamps):
             if recording.image is not None:
-                image = recording.image[index]
-                header, data = file.header(stamp, "sensor"), np.frombuffer(image, np.uint8)
-                file.add(IMAGES, COMPRESSED_IMAGE, stamp, header=header, format=codec_of(image) or "jpeg", data=data)
+                file.add_image(IMAGES, stamp, recording.image[index])
             if recording.contact is not None:
                 file.add(CONTACT, BOOL, stamp, data=bool(recording.contact[index]))
-            header = file.header(stamp, plane.frame)
-            if known[index]:
-                pose = file.pose(placed[index], object_turn[index])
-                file.add(OBJECT_POSES, POSE, stamp, header=header, pose=pose)
+            if truth is not None and not np.isnan(truth[index, 0]):
+                file.add_pose(OBJECT_POSES, stamp, plane, truth[index])
             # Last of all: a frame whose sensor pose is there is whole.
-            file.add(SENSOR_POSES, POSE, stamp, header=header, pose=file.pose(sensor[index], sensor_turn[index]))
+            file.add_pose(SENSOR_POSES, stamp, plane, recording.sensor_pose[index])
 
 
 def read_recording(path: Path | str) -> Recording:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.types.images import codec_of, encode_image
+from palpate.types.space import Plane, out_of_plane
 
 Array = NDArray[np.float64]
 
@@ -95,11 +96,21 @@ class MessageSink(ABC):
         stamp = self.make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
-    def pose(self, position: Array, rotation: Array) -> Any:
-        """Return a pose in space from position (3,) [m] and quaternion x, y, z, w (4,)."""
+    def pose(self, plane: Plane, pose: Array) -> Any:
+        """Return the pose in space of one in a plane (3,)."""
+        (position,), (rotation,) = out_of_plane(plane, pose[None])
         point = self.make("geometry_msgs/msg/Point", **dict(zip("xyz", position.tolist(), strict=True)))
         turn = self.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation.tolist(), strict=True)))
         return self.make("geometry_msgs/msg/Pose", position=point, orientation=turn)
+
+    def add_pose(self, topic: str, time: int, plane: Plane, pose: Array) -> None:
+        """Take a pose in a plane (3,) as a PoseStamped."""
+        self.add(topic, POSE, time, header=self.header(time, plane.frame), pose=self.pose(plane, pose))
+
+    def add_image(self, topic: str, time: int, image: bytes) -> None:
+        """Take an encoded image, also a damaged one."""
+        header, data = self.header(time, "sensor"), np.frombuffer(image, np.uint8)
+        self.add(topic, COMPRESSED_IMAGE, time, header=header, format=codec_of(image) or "jpeg", data=data)
 
 
 def decoded(raw: RawMessage, type_: str | None = None) -> Any:
