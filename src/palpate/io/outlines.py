@@ -30,6 +30,7 @@ INCH = 0.0254
 """[m]"""
 PIXELS = 96.0
 """Pixels of an inch, as CSS has it."""
+SVG_UNITS = {"mm": 1e-3, "cm": 1e-2, "in": INCH, "pt": INCH / 72, "pc": INCH / 6, "q": 2.5e-4}
 DXF_UNITS = {1: INCH, 2: 12 * INCH, 4: 1e-3, 5: 1e-2, 6: 1.0, 13: 1e-6, 14: 0.1}
 """[m] by number in $INSUNITS: inches, feet, millimetres, centimetres, metres, micrometres, decimetres."""
 
@@ -135,13 +136,12 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
 
 def _svg_unit(page: Any) -> float:
     """Return the size of a number in an SVG [m], by width or height of its page. Raises ShapeError if neither says."""
-    units = {"mm": 1e-3, "cm": 1e-2, "in": INCH, "pt": INCH / 72, "pc": INCH / 6, "q": 2.5e-4}
     sizes = []
     for side in ("width", "height"):
         given = re.fullmatch(r"\s*(\d*\.?\d+)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
-        if given and given[2] in units:
+        if given and given[2] in SVG_UNITS:
             inner = getattr(page.viewbox, side, None)  # without a viewBox numbers are pixels
-            sizes.append(float(given[1]) * units[given[2]] / inner if inner else INCH / PIXELS)
+            sizes.append(float(given[1]) * SVG_UNITS[given[2]] / inner if inner else INCH / PIXELS)
     if not sizes:
         raise ShapeError(
             f"the drawing has no size, its width is {page.values.get('width', 'not given')!r}: give the unit of its "
@@ -236,27 +236,15 @@ def _outline_of_lines(path: Path, lines: Sequence[Array]) -> Polygon:
     faces: Any = shapely.get_parts(shapely.polygonize(parts))
     if not len(faces):
         ends = np.array([shapely.get_coordinates(part)[[0, -1]] for part in parts]).reshape(-1, 2)
-        raise ShapeError(f"holds no closed outline: {_loose_ends(ends)}")
+        places, counts = np.unique(ends, axis=0, return_counts=True)
+        loose = ", ".join(f"({x:.2f}, {y:.2f})" for x, y in 1e3 * places[counts == 1][:4])
+        raise ShapeError(f"holds no closed outline: lines {f'end alone at {loose} mm' if loose else 'enclose no area'}")
     area = shapely.union_all([shapely.Polygon(face.exterior) for face in faces])
     if not isinstance(area, shapely.Polygon):
         raise ShapeError(f"holds {len(shapely.get_parts(area))} outlines side by side; allowed is one, and holes in it")
     if holes := sum(len(face.interiors) for face in faces):
         logger.warning("%s: %d outlines within the largest are holes, which are left out", path, holes)
     return _simplified(shapely.get_coordinates(area.exterior))
-
-
-def _loose_ends(ends: Array) -> str:
-    """Return a sentence on the two closest ends of lines (N, 2) [m] that meet no other."""
-    from scipy.spatial import KDTree
-
-    places, counts = np.unique(ends, axis=0, return_counts=True)
-    loose = places[counts == 1]
-    if len(loose) < 2:
-        return f"its {len(ends) // 2} lines enclose no area"
-    gaps, others = (np.asarray(each)[:, 1] for each in KDTree(loose).query(loose, k=2))
-    first = int(np.argmin(gaps))
-    (x, y), (u, v) = 1e3 * loose[[first, others[first]]]
-    return f"lines end at ({x:.2f}, {y:.2f}) and ({u:.2f}, {v:.2f}) mm, {1e3 * gaps[first]:.3g} mm apart"
 
 
 def _of_few_corners(path: Path, outline: Polygon) -> Polygon:
