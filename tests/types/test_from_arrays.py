@@ -217,7 +217,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"poses": POSES[:40]}, "poses: found 40 poses for 50 times"),
         ({"poses": np.full((50, 3), np.nan)}, "poses: none of 50 poses is known"),
         ({"images": tiny_images(19)}, "images: found 19 images for 20 times"),
-        ({"images": tiny_images(20) / 255}, r"image 0: is float64 .* uint8 of shape \(12, 8, 3\)"),
+        ({"images": tiny_images(20) / 255}, r"image 0: is float64 .* uint8 \(height, width, 3\)"),
         ({"images": ["gone.png"] * 20}, "gone.png: no such file"),
         ({"images": [*tiny_images(19), b"GIF89a"]}, "image 19: begins with"),
         ({"codec": "gif"}, "codec: found 'gif', allowed are 'jpeg' and 'png'"),

@@ -130,7 +130,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     """Return the topics of a bag, what tracking would read, and the command that does or why there is none."""
     from palpate.geometry.shapes import Disc
     from palpate.io.rosbag_reader import contents
-    from palpate.io.rosbag_recording import BagChoices, read_contents
+    from palpate.io.rosbag_recording import BagChoices, recording_of
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import known_sensor
 
@@ -138,7 +138,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     bag: dict[str, Any] = {"topics": [topic.about() for topic in found.topics]}
     bag["frames"] = {child: " or ".join(stream.frames) for child, stream in found.transforms.items()}
     try:
-        recording = read_contents(found, Disc(0.05), choices, profile).recording
+        recording = recording_of(found, Disc(0.05), choices, profile).recording
     except FileError as error:
         others = "" if sensor != "digit" else "; for images of a GelSight Mini, --sensor gelsight-mini"
         return bag | {"advice": f"{error}{others}"}

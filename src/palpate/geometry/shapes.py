@@ -51,13 +51,6 @@ class _Outline(ABC):
     def outline(self, count: int = 200) -> Array:
         """Return about `count` points (N, 2) [m] on the outline, counter-clockwise."""
 
-    @abstractmethod
-    def friction_radius(self) -> float:
-        """Return c [m], the ratio of largest friction torque to largest friction force on the support.
-
-        For an even pressure it is the mean distance from the centroid over the area.
-        """
-
 
 class _Cornered(_Outline):
     """Base of rectangle and polygon."""
@@ -72,7 +65,10 @@ class _Cornered(_Outline):
         return polygon.points_along(self.corners, count)
 
     def friction_radius(self) -> float:
-        """Return c [m]; see `Shape.friction_radius`."""
+        """Return c [m], the ratio of largest friction torque to largest friction force on the support.
+
+        For an even pressure it is the mean distance from the centroid over the area.
+        """
         return polygon.mean_distance(self.corners)
 
 
@@ -99,7 +95,7 @@ class Disc(_Outline):
         return np.hypot(points[..., 0], points[..., 1]) - self.radius
 
     def friction_radius(self) -> float:
-        """Return c [m]; see `Shape.friction_radius`."""
+        """Return c [m]; see `Rectangle.friction_radius`."""
         return 2.0 / 3.0 * self.radius
 
 
@@ -180,7 +176,7 @@ class Ellipse(_Outline):
         return short * (u - 1.0) * np.hypot(p / (u + (r - 1.0)), q / u)
 
     def friction_radius(self) -> float:
-        """Return c [m]; see `Shape.friction_radius`."""
+        """Return c [m]; see `Rectangle.friction_radius`."""
         from scipy.special import ellipe
 
         a, b = 0.5 * self.size_x, 0.5 * self.size_y

@@ -13,7 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file
-from palpate.types.images import Codec, camera_view, codec_of, decode_image, encode_image, fitted, turned_image
+from palpate.types.images import (
+    Codec,
+    camera_view,
+    checked_pixels,
+    codec_of,
+    decode_image,
+    encode_image,
+    fitted,
+    turned_image,
+)
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import (
@@ -22,9 +31,10 @@ from palpate.types.space import (
     Placement,
     Plane,
     Times,
-    chosen_plane,
     in_plane,
     placed_at,
+    plane_across,
+    plane_through,
     pose_numbers,
 )
 
@@ -80,12 +90,7 @@ def encoded_images(
             image = existing_file(image).read_bytes()
         with in_file(f"images: image {index}"):
             if not isinstance(image, bytes):
-                pixels = as_array("pixels", image)
-                if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 3:
-                    found = f"is {pixels.dtype} of shape {pixels.shape}"
-                    raise FileError(
-                        f"{found}, expected uint8 of shape {(*size, 3)}: rows, columns, red green blue to 255"
-                    )
+                pixels = checked_pixels(as_array("pixels", image))
                 data.append(encode_image(fitted(pixels, size, view), codec))
                 continue
             data.append(turned_image(image, size, view))
@@ -135,11 +140,11 @@ def planar_recording(
         logger.warning(words, what, left_out, len(time))
     image = None if images is None else images(np.flatnonzero(keep).tolist())
     placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
-    path = placed.position
     if placement.plane == "fit":
         touching = _touched(image or (), sensor) if contact is None else contact
-        path = path[touching] if touching.any() else path
-    plane = chosen_plane(what, placement.plane, frame, path)
+        plane = plane_through(what, frame, placed.position[touching if touching.any() else ...])
+    else:
+        plane = plane_across(frame, np.array(placement.plane, np.float64), placed.position)
     sensor_pose = in_plane(poses[0], plane, placed, placement.off_plane, time)
     upright = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
     if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > STEEPEST:

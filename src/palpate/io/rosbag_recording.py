@@ -94,16 +94,9 @@ def read_bag(
     truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks differ, or poses leave
     the plane.
     """
-    return read_contents(contents(Path(path)), shape, choices or BagChoices(), sensor)
-
-
-def read_contents(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
-    """Read a bag whose contents are known; see `read_bag`."""
-    try:
-        return _reading(found, shape, choices, sensor)
-    except FileError as error:
-        message = " ".join(str(error).split())  # names of topics may hold line breaks
-        raise FileError(f"{found.path}: {message}") from error
+    found = contents(Path(path))
+    with in_file(found.path):
+        return recording_of(found, shape, choices or BagChoices(), sensor)
 
 
 def read_poses(
@@ -230,7 +223,8 @@ def _only(found: Contents, what: str, names: list[str], chosen: str | None, opti
     raise FileError(f"{wrong}; there are {there}; name one by {option}")
 
 
-def _reading(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
+def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
+    """Return a bag whose contents are known as a recording; see `read_bag`."""
     types, what = IMAGE_TYPES, "image topic"
     if not (sensor.image_height and (found.named(IMAGE_TYPES) or not found.named((BOOL,)))):
         types, what = (BOOL,), "topic of contact flags"

@@ -5,7 +5,7 @@ import struct
 import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,12 +74,18 @@ def codec_of(data: bytes) -> Codec | None:
     return "png" if data.startswith(b"\x89PNG\r\n\x1a\n") else "jpeg" if data.startswith(b"\xff\xd8\xff") else None
 
 
+def checked_pixels(image: NDArray[Any]) -> Image:
+    """Return an image if it is RGB. Raises FileError."""
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise FileError(f"is {image.dtype} of shape {image.shape}, expected uint8 (height, width, 3) of RGB to 255")
+    return image
+
+
 def encode_image(image: NDArray[np.uint8], codec: Codec = "jpeg") -> bytes:
     """Return an RGB image (height, width, 3) as bytes: "jpeg" at quality 95, or "png", lossless. Raises FileError."""
     from PIL import Image
 
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise FileError(f"image: found {image.dtype} of shape {image.shape}, allowed is uint8 (height, width, 3)")
+    checked_pixels(image)
     if codec not in get_args(Codec):
         raise FileError(f"codec: found {codec!r}, allowed are 'jpeg' and 'png'")
     data = io.BytesIO()

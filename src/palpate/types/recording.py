@@ -87,17 +87,13 @@ class Recording:
         settle("sensor_pose", checked_poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
             settle("object_pose", checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
-        for name in ("first_pose", "first_pose_sigma", "set_up_sigma"):
+        for name, least in (("first_pose", -FARTHEST), ("first_pose_sigma", 1e-9), ("set_up_sigma", 0.0)):
             if (given := getattr(self, name)) is not None:
-                numbers = checked_array(name, given, NUMBERS, (3,)).astype(np.float64)
-                check_rows(
-                    name, numbers[None], is_near(numbers).all(keepdims=True), f"three numbers up to {FARTHEST:g}"
-                )
-                settle(name, numbers)
-        if (sigma := self.first_pose_sigma) is not None and (self.first_pose is None or not (sigma > 0.0).all()):
-            raise FileError(f"first_pose_sigma: found {sigma.tolist()}, allowed is above 0, with a first_pose")
-        if self.set_up_sigma is not None and (self.set_up_sigma < 0.0).any():
-            raise FileError(f"set_up_sigma: found {self.set_up_sigma.tolist()}, allowed is 0 or more")
+                settle(name, checked_array(name, given, NUMBERS, (3,)).astype(np.float64))
+                if not ((given := getattr(self, name)) >= least).all() or not is_near(given).all():
+                    raise FileError(f"{name}: found {given.tolist()}, allowed are {least:g} to {FARTHEST:g}")
+        if self.first_pose_sigma is not None and self.first_pose is None:
+            raise FileError("first_pose_sigma: found one without a first_pose; allowed is one with it")
         settle("_derived", None)
         if self.first_pose is None and self.object_pose is not None and (known := self.trusted_truth).any():
             settle("first_pose", self.object_pose[np.argmax(known)].copy())

@@ -220,19 +220,6 @@ class Plane:
         return f"plane {tilt:.1f} degrees off its xy plane at {self.height * 1e3:.1f} mm"
 
 
-def chosen_plane(what: str, normal: Normal, frame: str, position: Array) -> Plane:
-    """Return the plane of a normal, or the one that fits the sensor's positions (N, 3) [m], with a warning of it.
-
-    `what` names the recording in warnings. Raises FileError where there is no such plane.
-    """
-    if normal != "fit":
-        return plane_across(frame, np.array(normal, np.float64), position)
-    plane = _plane_through(frame, position)
-    words = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
-    logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
-    return plane
-
-
 def plane_across(frame: str, normal: Array, position: Array) -> Plane:
     """Return the plane with a normal (3,), of any length, at the median height of positions (N, 3) [m]."""
     length = np.linalg.norm(normal)
@@ -247,23 +234,22 @@ def plane_across(frame: str, normal: Array, position: Array) -> Plane:
     return Plane(frame, axes, float(np.median(position @ z)))
 
 
-def _plane_through(frame: str, position: Array) -> Plane:
-    """Return the plane closest to positions (N, 3) [m]; its normal points to the side of the frame's z axis.
+def plane_through(what: str, frame: str, position: Array) -> Plane:
+    """Return the plane closest to positions (N, 3) [m], with a warning that states it; `what` names them.
 
-    Each counts by its distance and not by the square of it, so ways to the object and back tilt it little.
+    Its normal points to the side of the frame's z axis. Raises FileError if they determine none.
     """
-    weight, middle, axes, width = np.ones(len(position)), position[0], np.eye(3), 0.0
-    for _ in range(30):
-        middle = weight @ position / weight.sum()
-        _, spread, axes = np.linalg.svd((position - middle) * np.sqrt(weight)[:, None], full_matrices=False)
-        width = float(spread[1] / np.sqrt(weight.sum())) if len(position) > 2 else 0.0
-        weight = 1.0 / np.maximum(np.abs((position - middle) @ axes[-1]), 1e-4)
+    _, spread, axes = np.linalg.svd(position - position.mean(axis=0), full_matrices=False)
+    width = float(spread[1] / np.sqrt(len(position))) if len(position) > 2 else 0.0
     if width < 2e-3:
         raise FileError(
             f"the sensor moves along a line, {width * 1e3:.1f} mm across, which determines no plane: give its normal, "
             "plane=(X, Y, Z) or --plane X Y Z"
         )
-    return plane_across(frame, np.array(axes[2] if axes[2, 2] >= 0.0 else -axes[2], np.float64), position)
+    plane = plane_across(frame, axes[2] if axes[2, 2] >= 0.0 else -axes[2], position)
+    words = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
+    logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
+    return plane
 
 
 def in_plane(what: str, plane: Plane, placed: Placed, off_plane: float, time: Times | None = None) -> Array:
