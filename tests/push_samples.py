@@ -14,7 +14,7 @@ from palpate import Disc, Ellipse, Frame, Measurement, NoiseSettings, Polygon, R
 from palpate.geometry import se2
 from palpate.graph.compiled import compiled
 from palpate.graph.contact_geometry import ContactModel, Surface, contact_model, put_touch
-from palpate.graph.factors import CONTACT, LINEAR, NAMES, ROW, STEP, TERM, make_factors, terms_of
+from palpate.graph.factors import CONTACT, LINEAR, NAMES, ROW, STEP, TERM, Step, make_factors, terms_of
 from palpate.graph.gauss_newton import of_step, of_term
 from palpate.graph.pushing import force_angle
 from palpate.graph.se2_kernels import position, rotation
@@ -112,7 +112,7 @@ def rows_of(
     The sensor was measured at a pose there and has moved so far [m].
     """
     kind, settings = NAMES.index(name), make_factors(noise or NoiseSettings(), at.model)
-    terms, _ = terms_of(measurements, 0, [0.0], 0)
+    terms, _ = terms_of(Step(np.zeros(3), measurements), 0)
     terms = terms[terms[:, 1] == kind].view(TERM)[:, 0]
     at.steps["measured"][:, -1], at.steps["moved"][:, -1] = pose, moved
     out = np.zeros((len(at.rows), max(len(terms), int(kind <= CONTACT))), LINEAR)

@@ -15,7 +15,7 @@ from palpate.config import Priors
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import make_factors
+from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,
@@ -73,6 +73,9 @@ class Contact:
     def said(self, t: int) -> tuple[Measurement, ...]:
         return tuple(one for one in (self.directions[t], self.turns[t]) if one is not None)
 
+    def step(self, t: int) -> Step:
+        return Step(self.sensor[t], self.said(t), times=[t / 30])
+
 
 OFFSET = math.pi - 0.06  # [rad]; the sensor's yaw on the object, about 0.05, makes turns fall on both sides of +-pi
 FELT = 0.01  # [rad], the standard deviation of directions and turns
@@ -127,9 +130,9 @@ def window_of(given: Contact, noise: NoiseSettings, lag: int = LAG, belief: Beli
     """The window of a whole contact, by default of one hypothesis."""
     factors = make_factors(noise, given.model)
     known = given.prior if belief is None else belief
-    window = Window(factors, given.model, known, given.sensor[0], given.said(0), 0.0, lag)
+    window = Window(factors, given.model, known, given.step(0), lag)
     for t in range(1, len(given.sensor)):
-        window.add(given.sensor[t], given.said(t), t / 30)
+        window.add(given.step(t))
     return window
 
 

@@ -15,7 +15,7 @@ from smoother_samples import FELT, PLAIN, belief_at
 
 from palpate import ContactDirection, NoiseSettings, Turn
 from palpate.geometry import se2
-from palpate.graph.factors import make_factors
+from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,
@@ -91,9 +91,10 @@ def estimated(drawn: DrawOf, touch: bool) -> tuple[Array, Array]:
     told = [IN_OBJECT[one].start for one in (DEPTH, FRICTION_RATIO, DIRECTION_BIAS, DIRECTION_SCALE, OUTLINE_SCALE)]
     told += range(*IN_OBJECT[FRICTION_CENTER].indices(OBJECT_SIZE))
     for k in range(drawn.count):
-        window = Window(factors, MODEL, belief_at(given.first[k], PLAIN), given.sensor[0, k], said(0, k), 0.0, LAG)
-        for t in range(1, STEPS + 1):
-            window.add(given.sensor[t, k], said(t, k), t / 30)
+        steps = [Step(given.sensor[t, k], said(t, k)) for t in range(STEPS + 1)]
+        window = Window(factors, MODEL, belief_at(given.first[k], PLAIN), steps[0], LAG)
+        for step in steps[1:]:
+            window.add(step)
         belief = window.belief()
         covariance = belief.covariance[0]
         off = se2.log(se2.between(belief.pose[0], given.object_poses[-1, k]))

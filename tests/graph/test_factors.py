@@ -276,8 +276,8 @@ def test_own_measurements():
 
     def rows(change: Array) -> Array:
         there = perturbed(at, change)
-        own = [Seen(), Stretched()]
-        return evaluated([*own], [0, 0], there.steps["g"], there.steps["e"], there.rows["shared"], 0.0)
+        own = [(0, Seen()), (0, Stretched())]
+        return evaluated([*own], 0, there.steps["g"], there.steps["e"], there.rows["shared"], 0.0)
 
     here = rows(np.zeros(WIDTH))
     for c, change in enumerate(STEP * np.eye(WIDTH)[STEP_SIZE:]):

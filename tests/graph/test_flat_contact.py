@@ -10,7 +10,7 @@ from palpate import GELSIGHT_MINI, ContactPlace, Disc, Ellipse, EstimationError,
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import contact_model
-from palpate.graph.factors import make_factors
+from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import IN_OBJECT, PLACE_BIAS, column
 from palpate.graph.window import Window
 
@@ -100,9 +100,9 @@ def test_what_all_places_are_off_by_is_learnt_where_the_pose_is_known():
     first, way = np.array([-0.05, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0])
     belief = Belief(np.zeros((1, 3)), settings.priors.mean[None], np.diag(sure**2)[None])
     said = [ContactPlace(touch(DISC, *first)["material"].imag + 1e-3, 1e-8)]
-    contact = Window(make_factors(settings, DISC), DISC, belief, first, said)
+    contact = Window(make_factors(settings, DISC), DISC, belief, Step(first, said))
     for step in range(1, 8):
-        contact.add(first + step * way, said, step / 30.0)
+        contact.add(Step(first + step * way, said))
     known = contact.belief()
     bias, of_bias = known[PLACE_BIAS][0, 0], 3 + IN_OBJECT[PLACE_BIAS].start
     assert bias == pytest.approx(1e-3, abs=1e-4)

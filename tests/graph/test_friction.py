@@ -23,7 +23,7 @@ from smoother_samples import FELT, ROBUST, belief_at
 from palpate import ContactDirection, Frame, NoiseSettings, Tracker, TrackerSettings
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
-from palpate.graph.factors import make_factors
+from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT
 from palpate.graph.window import Window
 
@@ -68,9 +68,9 @@ def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belie
     """The belief at the end of a contact in which directions are felt, its error along the side [m] and its NEES."""
     told = directions(se2.between(o, e), seed)
     seen = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
-    window = Window(make_factors(noise, MODEL), MODEL, belief_at(o[0], noise), seen[0], told[:1])
+    window = Window(make_factors(noise, MODEL), MODEL, belief_at(o[0], noise), Step(seen[0], told[:1]))
     for k in range(1, len(seen)):
-        window.add(seen[k], [told[k]], k / 30)
+        window.add(Step(seen[k], [told[k]]))
     belief = window.belief()
     error = se2.log(se2.between(belief.pose[0], o[-1]))
     along = window.last(0)["g"][1] - se2.between(o[-1], e[-1])[1]

@@ -9,7 +9,7 @@ from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scal
 from palpate import ContactDirection, EstimationError, ObjectPose, Turn
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
-from palpate.graph.factors import DIRECTION, make_factors
+from palpate.graph.factors import DIRECTION, Step, make_factors
 from palpate.graph.window import Window
 
 ENDLESS = 10**6
@@ -34,9 +34,9 @@ def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tol
 
 def without_touch(given, at: int, seen: ObjectPose) -> Window:
     """The window of a contact in which only one object pose is measured, in step `at`."""
-    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, given.sensor[0])
+    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
     for t in range(1, len(given.sensor)):
-        window.add(given.sensor[t], [seen] if t == at else [], t / 30)
+        window.add(Step(given.sensor[t], [seen] if t == at else [], times=[k / 30 for k in range(t + 1)]))
     return window
 
 
@@ -74,7 +74,7 @@ def test_rows_are_independent_and_can_be_taken_in_any_order():
         assert_same(taken, row, window, before)
     # And they go on alike.
     for one in (window, taken):
-        one.add(se2.compose(given.sensor[-1], [1e-3, 0.0, 0.0]), given.said(10), 2.0)
+        one.add(Step(se2.compose(given.sensor[-1], [1e-3, 0.0, 0.0]), given.said(10)))
     for row, before in enumerate([2, 0, 2]):
         assert_same(taken, row, window, before, tolerance=1e-3)
 
@@ -109,18 +109,17 @@ def test_mirrored_touch_is_read_with_the_opposite_sign():
     given = felt(contact(30, ROBUST))
     factors = make_factors(ROBUST, given.model)
 
-    def mirrored(one):
-        return replace(one, angle=-one.angle)
+    def mirrored(t):
+        return [replace(one, angle=-one.angle) for one in given.said(t)]
 
     both = given.prior.take([0, 0])
-    window = Window(
-        factors, given.model, both, given.sensor[0], given.said(0), sign=np.array([1.0, -1.0]), from_touch=2
-    )
-    as_told = Window(factors, given.model, given.prior, given.sensor[0], [mirrored(one) for one in given.said(0)])
+    first = Step(given.sensor[0], given.said(0), from_touch=2)
+    window = Window(factors, given.model, both, first, sign=np.array([1.0, -1.0]))
+    as_told = Window(factors, given.model, given.prior, Step(given.sensor[0], mirrored(0)))
     camera = ContactDirection(0.01, 1.0)  # of somebody else: not mirrored
     for t in range(1, 31):
-        window.add(given.sensor[t], [*given.said(t), camera], t / 30, from_touch=len(given.said(t)))
-        as_told.add(given.sensor[t], [*(mirrored(one) for one in given.said(t)), camera], t / 30)
+        window.add(Step(given.sensor[t], [*given.said(t), camera], from_touch=len(given.said(t))))
+        as_told.add(Step(given.sensor[t], [*mirrored(t), camera]))
     assert_same(window, 1, as_told)
 
 
@@ -139,19 +138,19 @@ def test_a_belief_that_is_no_gaussian_has_no_solution():
     factors, beliefs = make_factors(ROBUST, given.model), given.prior.take([0, 0])
     beliefs.covariance[1, 0, 0] = -1.0
     with pytest.raises(EstimationError, match="indeterminate"):
-        Window(factors, given.model, beliefs.take([1]), given.sensor[0])
-    window = Window(factors, given.model, beliefs, given.sensor[0])
+        Window(factors, given.model, beliefs.take([1]), Step(given.sensor[0]))
+    window = Window(factors, given.model, beliefs, Step(given.sensor[0]))
     assert window.rows["is_lost"].tolist() == [False, True]
 
 
 def test_costs_and_mean_squares_by_hand():
     """One measurement: half the square of the direction's error, and of the sensor's and contact's, which are small."""
     given = contact(4, ROBUST)
-    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, given.sensor[0])
+    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
     for step in range(1, 5):
         assert (window.rows["recent"] == 0.0).all()
         said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)] if step == 4 else []
-        window.add(given.sensor[step], said, step / 30)
+        window.add(Step(given.sensor[step], said))
     (measured, _pushing, is_ignored), square = window.costs()[0, -1], window.rows["recent"][0, 0, DIRECTION]
     assert is_ignored == 0.0 and (window.rows["recent"][0, 1] == 0.0).all()
     assert window.rows["recent"][0, 0, -1] == pytest.approx(window.costs()[0, :, 0].sum())

@@ -4,7 +4,6 @@ Costs of steps and of unusual friction judge a hypothesis. Errors of neighbourin
 a small share of the costs counts and no single step decides.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +12,6 @@ from palpate.config import Priors
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, RowArrays
 from palpate.graph.compiled import Array, Flags, Integers
-from palpate.graph.variables import DIRECTION_BIAS, DIRECTION_SCALE
-from palpate.types.measurements import ContactDirection, Measurement
 
 MOST_YOUNG = 20
 """Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""
@@ -30,33 +27,6 @@ _COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0  # share of the costs that counts; larg
 _PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
 _NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """Input of one step of a contact."""
-
-    sensor_pose: Array
-    """Measured world_T_sensor, (3,) [m, m, rad]."""
-    measurements: Sequence[Measurement]
-    """Measurements from touch and other sources."""
-    from_touch: int
-    """Number of leading measurements that were read from touch images, which may be mirrored."""
-    times: list[float]
-    """Times of the last steps, this one last [s]."""
-
-    def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
-        """Return the contact directions, each as angles (B,) [rad], given bias and scale, and a variance [rad^2].
-
-        `sign` (B,) is -1 where touch images are taken as mirrored.
-        """
-        bias, scale = belief[DIRECTION_BIAS][:, 0], belief[DIRECTION_SCALE][:, 0]
-        found = []
-        for index, one in enumerate(self.measurements):
-            if isinstance(one, ContactDirection):
-                angle = one.angle * (sign if index < self.from_touch else np.ones_like(sign))
-                found.append(((1.0 - scale) * angle - bias, one.variance))
-        return found
 
 
 @dataclass(eq=False)

@@ -19,13 +19,13 @@ from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations
 from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, Step, costs_of_contact, single, worth_keeping
+from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.compiled import Array, Integers
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import make_factors, place_in_time
+from palpate.graph.factors import Step, make_factors, place_in_time
 from palpate.graph.own_measurements import values_at, with_right_jacobians
 from palpate.graph.variables import CONTACT_SIZE, GRIP, IN_OBJECT, LAG
 from palpate.graph.window import Window
@@ -263,18 +263,8 @@ class HypothesisBank:
             self._rows = rows
         is_measured = any(isinstance(one, ObjectPose) for one in step.measurements)
         rows.hold_out_yaw(is_observable=is_measured or not is_round(self._model))
-        self._window = Window(
-            self._factors,
-            self._model,
-            rows.belief,
-            step.sensor_pose,
-            step.measurements,
-            step.times[-1],
-            self._lag,
-            self._settings.priors,
-            rows.sign,
-            step.from_touch,
-        )
+        priors = self._settings.priors
+        self._window = Window(self._factors, self._model, rows.belief, step, self._lag, priors, rows.sign)
         self._drop_lost(self._window)
         return self._test_object_poses(step, self._rows.belief.pose[:, None])
 
@@ -282,7 +272,7 @@ class HypothesisBank:
         """Take the next frame of a contact in all hypotheses, whose poses in the window are `path` (B, N, 3)."""
         window, is_measured = self._in_window(), self._test_object_poses(step, path)
         spread = np.where(self._rows.disturbed_steps_left > 0, _SPREAD / math.sqrt(_BACK), 0.0)
-        leaving = window.add(step.sensor_pose, step.measurements, step.times[-1], spread, step.from_touch)
+        leaving = window.add(step, spread)
         is_found = ~window.rows["is_lost"]
         self._drop_lost(window)
         if leaving is not None:

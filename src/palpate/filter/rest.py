@@ -15,7 +15,7 @@ from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.compiled import Array
 from palpate.graph.factors import place_in_time, warn_of_time
-from palpate.graph.own_measurements import evaluated, is_available_at_rest
+from palpate.graph.own_measurements import evaluated
 from palpate.graph.variables import CONTACT_SIZE, IN_STEP, OBJECT_SIZE, SENSOR, STEP_SIZE
 from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
 
@@ -37,7 +37,7 @@ def measured_at_rest(
     """
     whole, now = rows.whole_belief, times[-1]
     poses: list[ObjectPose] = []
-    own: list[OwnMeasurement | None] = []
+    own: list[tuple[int, OwnMeasurement]] = []
     for one in measurements:
         if not isinstance(one, ObjectPose | OwnMeasurement):
             continue
@@ -45,14 +45,12 @@ def measured_at_rest(
             warn_of_time(one, times)
         elif isinstance(one, ObjectPose):
             poses.append(one)
-        elif is_available_at_rest(one, now):
-            own.append(one)
+        else:
+            own.append((0, one))
     prior = whole.inflated(monitor.displacement_covariance(rows))
     tested = replace(rows, belief=prior, unobservable_yaw=np.zeros_like(rows.unobservable_yaw))
     monitor.test_object_poses(tested, [prior.pose] * len(poses), poses)
-    is_of_pose = False
-    if poses or own:
-        is_of_pose = bool(_linearised(poses, own, whole.pose, whole.values, now)[1][..., :3].any())
+    is_of_pose = bool(_linearised(poses, own, whole.pose, whole.values, now)[1][..., :3].any())
     if is_of_pose:  # the object may have been found elsewhere
         whole = prior.inflated(monitor.contradiction_covariance(rows))
         tested.displacement = np.zeros_like(rows.displacement)
@@ -60,7 +58,7 @@ def measured_at_rest(
     return tested, is_of_pose
 
 
-def _solved(prior: Belief, poses: list[ObjectPose], own: list[OwnMeasurement | None], now: float) -> Belief:
+def _solved(prior: Belief, poses: list[ObjectPose], own: list[tuple[int, OwnMeasurement]], now: float) -> Belief:
     """Return the beliefs after measurements."""
     before, pose, values, covariance = np.linalg.inv(prior.covariance), prior.pose, prior.values, prior.covariance
     for _ in range(_ITERATIONS):
@@ -82,18 +80,18 @@ def _solved(prior: Belief, poses: list[ObjectPose], own: list[OwnMeasurement | N
 
 
 def _linearised(
-    poses: list[ObjectPose], own: list[OwnMeasurement | None], pose: Array, values: Array, now: float
+    poses: list[ObjectPose], own: list[tuple[int, OwnMeasurement]], pose: Array, values: Array, now: float
 ) -> tuple[Array, Array]:
     """Return whitened residuals (B, R) at object poses (B, 3) and variables, and their Jacobians by both."""
     count = len(pose)
-    residuals, jacobians = [], []
+    residuals, jacobians = [np.empty((count, 0))], [np.empty((count, 0, 3 + OBJECT_SIZE))]
     for one in poses:
         root, off = np.linalg.inv(np.linalg.cholesky(one.covariance)), se2.log(se2.between(one.pose, pose))
         residuals.append(off @ root.T)
         jacobians.append(np.dstack([root @ se2.right_jacobian_inverse(off), np.zeros((count, 3, OBJECT_SIZE))]))
     # With the object in place of the sensor, g = 0 and e = o, a perturbation of e is one of the object.
     shared = np.concatenate([np.zeros((count, CONTACT_SIZE)), values], axis=1)
-    rows = evaluated(own, [0] * len(own), np.zeros((count, 1, 3)), pose[:, None], shared, now)
+    rows = evaluated(own, 0, np.zeros((count, 1, 3)), pose[:, None], shared, now, at_rest=True)
     for row in rows.swapaxes(0, 1):
         residuals.append(row[..., 0])
         jacobians.append(np.dstack([row[..., 1:][..., IN_STEP[SENSOR]], row[..., 1 + STEP_SIZE + CONTACT_SIZE :]]))

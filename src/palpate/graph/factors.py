@@ -8,16 +8,25 @@ variables. A new factor is a name here, with the terms of its measurements in `t
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config import NoiseSettings
+from palpate.graph.belief import Belief
 from palpate.graph.compiled import Array
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel
-from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
+from palpate.graph.variables import (
+    DIRECTION_BIAS,
+    DIRECTION_SCALE,
+    LAST_SIZE,
+    OBJECT_SIZE,
+    SHARED_SIZE,
+    STEP_SIZE,
+    WIDTH,
+)
 from palpate.types.measurements import ContactDirection, ContactPlace, Measurement, ObjectPose, OwnMeasurement, Turn
 
 logger = logging.getLogger(__name__)
@@ -44,14 +53,12 @@ def _record(formats: dict[str, Any]) -> np.dtype:
 
 
 TERM = _record(
-    dict.fromkeys(("step", "kind", "index", "value", "variance", "from_touch"), "f8")
-    | {"pose": "3f8", "root": "(3,3)f8"}
+    dict.fromkeys(("step", "kind", "value", "variance", "from_touch"), "f8") | {"pose": "3f8", "root": "(3,3)f8"}
 )
 """The term of a measurement: a row (TERM_SIZE,) of numbers.
 
 - step: its step, counted from the beginning of the contact.
 - kind: place of its factor in NAMES.
-- index: place among own measurements.
 - value, variance: measured angle [rad] or place [m].
 - from_touch: 1 if the value was read from touch images, which may be mirrored.
 - pose, root: measured pose of the object, and the whitening matrix of its covariance.
@@ -60,7 +67,7 @@ TERM_SIZE = TERM.itemsize // 8
 STEP = _record(
     {"g": "3f8", "e": "3f8", "object": "3f8", "measured": "3f8", "moved": "f8"}
     | {"turn_g": "c16", "turn_e": "c16", "touch": CONTACT_GEOMETRY, "force_angle": "f8"}
-    | {"slide": "f8", "spread": "f8", "cost": "3f8", "squares": f"{len(NAMES)}f8"}
+    | {"slide": "f8", "spread": "f8", "cost": "3f8", "squares": f"{len(NAMES)}f8", "counts": f"{len(NAMES)}f8"}
     | {"root": f"({STEP_SIZE},{WIDTH})f8", "y": f"{STEP_SIZE}f8"}
 )
 """One step of a row of the window.
@@ -73,7 +80,7 @@ STEP = _record(
   counter-clockwise along the outline. The latter is 0 in a step without disturbance.
 - cost: cost of measurements and of pushing, and 1 if the latter does not count, as for all disturbed steps until one
   hypothesis is left.
-- squares: squared errors of each factor, without kernels [variances].
+- squares, counts: squared errors of each factor, without kernels [variances], and its number.
 - root, y: what is left of the step once it is eliminated; see `block_tridiagonal.eliminate`.
 """
 PAST = _record(
@@ -126,6 +133,33 @@ WORK = _record(
 """Room for computing one row of a window; arrays made in compiled code are slow to compile."""
 
 
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Input of one step of a contact."""
+
+    sensor_pose: Array
+    """Measured world_T_sensor, (3,) [m, m, rad]."""
+    measurements: Sequence[Measurement] = ()
+    """Measurements from touch and other sources."""
+    from_touch: int = 0
+    """Number of leading measurements that were read from touch images, which may be mirrored."""
+    times: Sequence[float] = (0.0,)
+    """Times of the last steps, this one last [s]."""
+
+    def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
+        """Return the contact directions, each as angles (B,) [rad], given bias and scale, and a variance [rad^2].
+
+        `sign` (B,) is -1 where touch images are taken as mirrored.
+        """
+        bias, scale = belief[DIRECTION_BIAS][:, 0], belief[DIRECTION_SCALE][:, 0]
+        found = []
+        for index, one in enumerate(self.measurements):
+            if isinstance(one, ContactDirection):
+                angle = one.angle * (sign if index < self.from_touch else np.ones_like(sign))
+                found.append(((1.0 - scale) * angle - bias, one.variance))
+        return found
+
+
 def place_in_time(measurement: Measurement, times: Sequence[float], at_rest: bool = False) -> int | None:
     """Return the step nearest to the time of a measurement: 0 is the last, -1 the one before, None outside of them.
 
@@ -151,33 +185,28 @@ def warn_of_time(measurement: Measurement, times: Sequence[float]) -> None:
     )
 
 
-def terms_of(
-    measurements: Sequence[Measurement], from_touch: int, times: Sequence[float], number: int
-) -> tuple[Array, list[OwnMeasurement | None]]:
-    """Return the terms (T, TERM_SIZE) that arrive with a step, and the own measurements among them.
+def terms_of(step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasurement]]]:
+    """Return the terms (T, TERM_SIZE) that arrive with a step of this number, and own measurements with their steps.
 
-    The first `from_touch` measurements are read from touch images, `times` are those of the steps in the window, and
-    `number` is that of the last. Terms are in the order of their steps and kinds.
+    Terms are in the order of their steps and kinds.
     """
     found: list[tuple[float, ...]] = []
-    own: list[OwnMeasurement | None] = []
-    for index, one in enumerate(measurements):
-        is_touch = index < from_touch
+    own: list[tuple[int, OwnMeasurement]] = []
+    for index, one in enumerate(step.measurements):
+        is_touch = index < step.from_touch
         if isinstance(one, ContactDirection):
-            found.append((number, DIRECTION, 0, one.angle, one.variance, is_touch, *_NO_POSE))
+            found.append((number, DIRECTION, one.angle, one.variance, is_touch, *_NO_POSE))
         elif isinstance(one, ContactPlace):
-            found.append((number, PLACE, 0, one.place, one.variance, is_touch, *_NO_POSE))
+            found.append((number, PLACE, one.place, one.variance, is_touch, *_NO_POSE))
         elif isinstance(one, Turn):
-            found.append((number, TURN, 0, one.angle, one.variance, is_touch, *_NO_POSE))
-        elif (ago := place_in_time(one, times)) is None:
-            warn_of_time(one, times)
+            found.append((number, TURN, one.angle, one.variance, is_touch, *_NO_POSE))
+        elif (ago := place_in_time(one, step.times)) is None:
+            warn_of_time(one, step.times)
         elif isinstance(one, ObjectPose):
             root = np.linalg.inv(np.linalg.cholesky(one.covariance))
-            pose = *one.pose.tolist(), *root.ravel().tolist()
-            found.append((number + ago, OBJECT_POSE, 0, 0.0, 0.0, False, *pose))
+            found.append((number + ago, OBJECT_POSE, 0.0, 0.0, False, *one.pose.tolist(), *root.ravel().tolist()))
         elif isinstance(one, OwnMeasurement):
-            found.append((number + ago, OWN, len(own), 0.0, 0.0, False, *_NO_POSE))
-            own.append(one)
+            own.append((number + ago, one))
     found.sort(key=lambda term: term[:2])
     return np.array(found, np.float64).reshape(-1, TERM_SIZE), own
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.graph import factors, measured, pushing
 from palpate.graph.block_tridiagonal import eliminate, inflate, step_into_past, substitute_back
-from palpate.graph.compiled import Array, Flags, Records, compiled, kernel
+from palpate.graph.compiled import Array, Flags, Integers, Records, compiled, kernel
 from palpate.graph.contact_geometry import Surface, put_touch
 from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SHORT, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
@@ -53,20 +53,21 @@ def improve(
     left: int,
     rows: Records,
     terms: Records,
-    own: Array,
+    own: tuple[Integers, Array],
     given: tuple[Records, Array, Surface, Records],
     changing: Flags,
-    is_alone: bool,
     iterations: int,
+    is_alone: bool,
     is_new: bool,
 ) -> None:
     """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge.
 
-    Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, terms (T,) TERM, and `own` (B, ...) is
-    `own_measurements.evaluated`. `given` are the settings from `make_factors`, variances (LAST_SIZE,) by which numbers
-    of the last step and shared variables change from step to step, the surfaces in contact, and room for computing
-    (1,), `factors.WORK`. A row `is_alone`, or goes on until all rows of its sign have converged, but for so many
-    iterations at most. The last step `is_new` in the first call after it was added.
+    Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, and terms (T,) TERM. `own` are the
+    steps (M,) of own measurements, and their rows, see `own_measurements.evaluated`. `given` are the settings from
+    `make_factors`, variances (LAST_SIZE,) by which numbers of the last step and shared variables change from step to
+    step, the surfaces in contact, and room for computing (1,), `factors.WORK`. A row `is_alone`, or goes on until all
+    rows of its sign have converged, but for so many iterations at most. The last step `is_new` in the first call after
+    it was added.
     """
     settings, drift, surface, work = given
     is_changed = changing.copy()
@@ -76,7 +77,7 @@ def improve(
                 row, its = rows[b], steps[b]
                 for k in range(len(its)):
                     _put_touch(its[k], surface)
-                is_found = _eliminate_steps(its, left, row, terms, own[b], settings[0], drift, work[0])
+                is_found = _eliminate_steps(its, left, row, terms, own[0], own[1][b], settings[0], drift, work[0])
                 if not (is_found and _move(its, row, work[0].change)):
                     row.is_lost, row.change = True, 0.0
         if not _drop_converged(rows, is_alone, changing):
@@ -86,7 +87,7 @@ def improve(
         if is_changed[b] and not row.is_lost:
             _put_touch(its[len(its) - 1], surface)
             _conclude(its, row, settings[0], is_new, work[0])
-            _put_recent(its, left, row, terms)
+            _put_recent(its, left, row)
 
 
 @kernel
@@ -110,7 +111,15 @@ def _put_touch(now: Records, surface: Surface) -> None:
 
 @kernel
 def _eliminate_steps(
-    steps: Records, left: int, row: Records, terms: Records, own: Array, settings: Records, drift: Array, work: Records
+    steps: Records,
+    left: int,
+    row: Records,
+    terms: Records,
+    own_steps: Integers,
+    own: Array,
+    settings: Records,
+    drift: Array,
+    work: Records,
 ) -> bool:
     """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
     system, gradient, out, t = work.system, work.gradient, work.linear, 0
@@ -118,7 +127,7 @@ def _eliminate_steps(
     _begin_with_past(steps[0], row, work)
     for k in range(len(steps)):
         now, before = steps[k], steps[max(k - 1, 0)]
-        now.cost[:2], now.squares[:] = 0.0, 0.0
+        now.cost[:2], now.squares[:], now.counts[:] = 0.0, 0.0, 0.0
         now.force_angle = pushing.force_angle(steps, k, row, settings)
         if k > 0:
             step_into_past(system, gradient)
@@ -132,11 +141,11 @@ def _eliminate_steps(
                 count = of_step(kind, before, now, row, settings, out)
                 _add(kind, count, out, now, system, gradient)
         while t < len(terms) and terms[t].step == left + k:
-            term = terms[t]
-            is_own = term.kind == OWN
-            count = _copy(own[int(term.index)], out) if is_own else of_term(now, row, term, settings, out)
-            _add(int(term.kind), count, out, now, system, gradient)
+            _add(int(terms[t].kind), of_term(now, row, terms[t], settings, out), out, now, system, gradient)
             t += 1
+        for m in range(len(own)):
+            if own_steps[m] == left + k:
+                _add(OWN, _copy(own[m], out), out, now, system, gradient)
         if k > 0 and not eliminate(0, STEP_SIZE, system, gradient, before.root, before.y):
             return False
     return eliminate(STEP_SIZE, WIDTH, system, gradient, row.last_root, row.last_y)
@@ -198,6 +207,7 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
     weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The costs of
     several rows under one kernel add up to this.
     """
+    now.counts[kind] += 1.0
     for r in range(count):
         row, weight, residual = out.jacobian[r], out.weight[r], out.residual[r]
         for i in range(WIDTH):
@@ -270,7 +280,7 @@ def _conclude(steps: Records, row: Records, settings: Records, is_new: bool, wor
 
 
 @kernel
-def _put_recent(steps: Records, left: int, row: Records, terms: Records) -> None:
+def _put_recent(steps: Records, left: int, row: Records) -> None:
     """Write the mean squares and costs of the last steps; see `factors.ROW`."""
     for span in range(2):
         recent, first = row.recent[span], len(steps) - (SHORT if span == 0 else LONG)
@@ -281,15 +291,11 @@ def _put_recent(steps: Records, left: int, row: Records, terms: Records) -> None
         for k in range(first, len(steps)):
             recent[OWN + 1] += steps[k].cost[0]
         for kind in range(OWN + 1):
-            number = min(len(steps) - first, len(steps) if kind > FRICTION_CONE else len(steps) - 1)
+            number = 0.0
             for k in range(first, len(steps)):
                 recent[kind] += steps[k].squares[kind]
-            if kind > CONTACT:
-                number, t = 0, len(terms) - 1
-                while t >= 0 and terms[t].step >= left + first:
-                    number += 1 if terms[t].kind == kind else 0
-                    t -= 1
-            recent[kind] /= max(number, 1)
+                number += steps[k].counts[kind]
+            recent[kind] /= max(number, 1.0)
 
 
 @kernel
@@ -307,18 +313,15 @@ def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
 
 
 @compiled
-def begin_step(steps: Records, sensor_pose: Array, spread: Array) -> None:
-    """Begin the last of the steps (B, N): measured sensor pose (3,) and `STEP.spread` (B,).
+def begin_step(steps: Records) -> None:
+    """Begin the last of the steps (B, N), in which the measured sensor pose and `STEP.spread` are set.
 
     The sensor pose in the object is that of constant motion from the two steps before.
     """
     last = steps.shape[1] - 1
     for b in range(len(steps)):
         now, before = steps[b, last], steps[b, last - 1]
-        for i in range(3):
-            now.e[i] = now.measured[i] = sensor_pose[i]
         now.moved = abs(position(now.measured) - position(before.measured))
-        now.slide, now.spread = 0.0, spread[b]
         now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
         between(steps[b, max(last - 2, 0)].g, before.g, now.g)
         ahead = position(before.g) + rotation(before.g[2]) * position(now.g)

@@ -22,6 +22,7 @@ from palpate.graph.variables import (
     SENSOR,
     SENSOR_IN_OBJECT,
     SHARED,
+    VARIABLES,
     Variable,
     named,
 )
@@ -33,43 +34,44 @@ _ROWS = 6  # of a measurement, at most
 
 
 def evaluated(
-    own: list[OwnMeasurement | None], steps: Sequence[int], g: Array, e: Array, shared: Array, time: float
+    own: list[tuple[int, OwnMeasurement]],
+    first: int,
+    g: Array,
+    e: Array,
+    shared: Array,
+    time: float,
+    at_rest: bool = False,
 ) -> Array:
     """Return the residuals and Jacobians (B, M, 6, 1 + LAST_SIZE) of own measurements at poses (B, N, 3).
 
-    Columns are the residual and its derivatives by g, e and the shared variables. A measurement that returns something
-    unusable is named in a warning and ignored from then on: it becomes None.
+    Measurements come with their steps, of which the `first` has the first poses. Columns are the residual and its
+    derivatives by g, e and the shared variables. A measurement that returns something unusable is named in a warning
+    and removed from the list, as is one of variables that there are not while nothing touches the object.
     """
-    rows = np.zeros((len(g), len(own), _ROWS, 1 + LAST_SIZE))
-    for index, (measurement, step) in enumerate(zip(own, steps, strict=True)):
-        for b in range(len(g)):
-            if measurement is None:
-                break
-            try:
-                residual, jacobian = linearised(measurement, values_at(g[b, step], e[b, step], shared[b]))
-            except EstimationError as error:
-                logger.warning("frame at %.3f s: %s; it is left out", time, error)
-                own[index] = None
-                rows[:, index] = 0.0
-                break
-            rows[b, index, : len(residual), 0], rows[b, index, : len(residual), 1:] = residual, jacobian
-    return rows
+    known = (OBJECT_POSE, *OF_OBJECT) if at_rest else (OBJECT_POSE, *VARIABLES)
+    rows, usable = [], []
+    for step, measurement in own:
+        its, k = np.zeros((len(g), _ROWS, 1 + LAST_SIZE)), step - first
+        try:
+            if missing := [name for name in measurement.on if named(name) not in known]:
+                found = f"measurement {type(measurement).__name__} is of {missing[0]}"
+                raise EstimationError(f"{found}; at rest there are {', '.join(one.name for one in known)}")
+            for b in range(len(g)):
+                residual, jacobian = linearised(measurement, values_at(g[b, k], e[b, k], shared[b]))
+                its[b, : len(residual), 0], its[b, : len(residual), 1:] = residual, jacobian
+        except EstimationError as error:
+            logger.warning("frame at %.3f s: %s; it is left out", time, error)
+        else:
+            rows.append(its)
+            usable.append((step, measurement))
+    own[:] = usable
+    return np.stack(rows, axis=1) if rows else np.empty((len(g), 0, _ROWS, 1 + LAST_SIZE))
 
 
 def values_at(g: Array, e: Array, shared: Array) -> dict[Variable, Array]:
     """Return the values of all variables at poses g and e (3,) and shared variables (SHARED_SIZE,)."""
     values = {SENSOR_IN_OBJECT: g, SENSOR: e, OBJECT_POSE: se2.compose(e, se2.inverse(g))}
     return values | {one: shared[IN_SHARED[one]] for one in SHARED}
-
-
-def is_available_at_rest(measurement: OwnMeasurement, time: float) -> bool:
-    """Return True if there are the variables of a measurement while nothing touches the object; warns if not."""
-    allowed = (OBJECT_POSE, *OF_OBJECT)
-    if missing := [name for name in measurement.on if named(name) not in allowed]:
-        names = ", ".join(one.name for one in allowed)
-        found = f"measurement {type(measurement).__name__} is of {missing[0]}"
-        logger.warning("frame at %.3f s: %s; at rest there are %s; it is left out", time, found, names)
-    return not missing
 
 
 def check_own(measurement: OwnMeasurement) -> None:

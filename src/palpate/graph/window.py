@@ -10,10 +10,9 @@ step was before the last Gauss-Newton step. With an unlimited lag this is the ba
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from palpate.config import Priors
 from palpate.errors import EstimationError
@@ -21,20 +20,11 @@ from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.compiled import Array, Flags
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import (
-    OWN,
-    ROW,
-    STEP,
-    TERM,
-    TERM_SIZE,
-    TURN,
-    WORK,
-    terms_of,
-)
+from palpate.graph.factors import ROW, STEP, TERM, TERM_SIZE, TURN, WORK, Step, terms_of
 from palpate.graph.gauss_newton import begin_step, improve
 from palpate.graph.own_measurements import evaluated
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
-from palpate.types.measurements import Measurement, OwnMeasurement
+from palpate.types.measurements import OwnMeasurement
 
 _ITERATIONS = 4
 _REMEMBERED = 1000  # steps that left the window whose costs are kept
@@ -48,60 +38,51 @@ class Window:
         factors: NDArray[np.void],
         model: ContactModel,
         belief: Belief,
-        sensor_pose: Array,
-        measurements: Sequence[Measurement] = (),
-        time: float = 0.0,
+        step: Step,
         lag: int = LAG,
         priors: Priors | None = None,
         sign: Array | None = None,
-        from_touch: int = 0,
     ) -> None:
-        """Begin with the first frame of a contact and B beliefs about the object.
+        """Begin with the first step of a contact and B beliefs about the object.
 
-        sensor_pose (3,) is the measured world_T_sensor [m, m, rad]. The first `from_touch` measurements are read from
-        touch images; `sign` (B,) is -1 in hypotheses that take these as mirrored. The object's variables change from
-        step to step as `priors` says, by default not at all; within the window they count as constant.
+        `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
+        step as `priors` says, by default not at all; within the window they count as constant.
         """
         self._model, self._lag, drift, work = model, lag, np.zeros(LAST_SIZE), np.zeros(1, WORK)
         if priors is not None:
             drift[STEP_SIZE + CONTACT_SIZE :] = priors.changes[1]
         self._given = factors, drift, model.surface, work
-        self._steps, rows = _begun(belief, sensor_pose, np.ones(len(belief)) if sign is None else sign)
+        sign = np.ones(len(belief)) if sign is None else sign
+        self._steps, rows = _begun(belief, step.sensor_pose, sign)
         self.rows: NDArray[np.void] = rows
         """State of each hypothesis, `factors.ROW` (B,)."""
         self._left = 0  # number of steps that have left the window
         self._left_costs = np.empty((len(belief), 0, 3))  # of steps that left the window
         self._terms, self._has_turn = np.empty((0, TERM_SIZE)), False
-        self._own: list[OwnMeasurement | None] = []  # in the order of their terms
-        self._times = [time]
-        self._join(*terms_of(measurements, from_touch, self._times, 0))
-        self._solve(np.ones(len(self.rows), np.bool_), is_alone=True)
+        self._own: list[tuple[int, OwnMeasurement]] = []  # with their steps
+        self._time = step.times[-1]  # of the last step [s]
+        self._join(*terms_of(step, 0))
+        self._solve(np.ones(len(rows), np.bool_))
 
-    def add(
-        self,
-        sensor_pose: Array,
-        measurements: Sequence[Measurement] = (),
-        time: float = 0.0,
-        spread: Array | None = None,
-        from_touch: int = 0,
-    ) -> Array | None:
-        """Add the next frame, and return the object poses (B, 3) of the step that leaves the window, if any does.
+    def add(self, step: Step, spread: ArrayLike = 0.0) -> Array | None:
+        """Add the next step, and return the object poses (B, 3) of the step that leaves the window, if any does.
 
         `spread` (B,) [m] is the standard deviation of the slide over the sensor by which something else may move the
         object in this step; see `factors.STEP`. Raises EstimationError where no hypothesis has a solution.
         """
-        times, leaving = [*self._times, time], None
-        terms, own = terms_of(measurements, from_touch, times, self._left + len(self._times))  # may raise
-        if len(self._times) == self._lag:
-            leaving, times = self._steps["object"][:, 0].copy(), times[1:]
+        leaving, count = None, self._steps.shape[1]
+        terms, own = terms_of(step, self._left + count)  # may raise
+        if count == self._lag:
+            leaving = self._steps["object"][:, 0].copy()
             self._marginalise()
-        self._times = times
         begun = np.zeros((len(self.rows), 1), STEP)
+        begun["e"] = begun["measured"] = step.sensor_pose
+        begun["spread"][:, 0] = spread
         self._steps = np.concatenate([_raw(self._steps), _raw(begun)], axis=1).view(STEP)
-        spread = np.zeros(len(self.rows)) if spread is None else spread
-        begin_step(self._steps, sensor_pose, spread)
+        begin_step(self._steps)
+        self._time = step.times[-1]
         self._join(terms, own)
-        self._solve(np.ones(len(self.rows), np.bool_), is_alone=False)
+        self._solve(np.ones(len(self.rows), np.bool_), is_new=True)
         return leaving
 
     def take(self, rows: Indices) -> None:
@@ -115,7 +96,8 @@ class Window:
         `slide` (len(rows),) is the slide of the object over the sensor in all these steps, counter-clockwise along the
         outline, and `spread` its standard deviation, both [m].
         """
-        first, last = max(len(self._times) - steps, 1), len(self._times)
+        last = self._steps.shape[1]
+        first = max(last - steps, 1)
         count, changing = max(last - first, 1), np.zeros(len(self.rows), np.bool_)
         changing[rows] = True
         length, disturbed = slide[:, None] / count, self._steps[rows, first:]
@@ -126,7 +108,7 @@ class Window:
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
         self._steps[rows, first:] = disturbed
         self.rows["errors"][rows] = self.rows["inconsistency"][rows] = 0.0
-        self._solve(changing, is_alone=True)
+        self._solve(changing)
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
@@ -155,20 +137,14 @@ class Window:
         self._left_costs[rows, :, 2] = 0.0
         self._steps["cost"][rows, :, 2] = 0.0
 
-    def _join(self, arrived: Array, own: list[OwnMeasurement | None]) -> None:
+    def _join(self, arrived: Array, own: list[tuple[int, OwnMeasurement]]) -> None:
         """Take the terms that arrive with the last step."""
-        if own:
-            arrived[arrived[:, 1] == OWN, 2] += len(self._own)
-            self._own += own
+        self._own = [one for one in (*self._own, *own) if one[0] >= self._left]
         self._terms = terms = np.concatenate([self._terms, arrived])
-        is_late = len(arrived) and arrived[0, 0] < self._left + len(self._times) - 1
+        is_late = len(arrived) and arrived[0, 0] < self._left + self._steps.shape[1] - 1
         if is_late:  # that of a late measurement may have left the window
             terms = terms[terms[:, 0] >= self._left]
             self._terms = terms[np.lexsort((terms[:, 1], terms[:, 0]))]
-        if self._own:
-            is_own = self._terms[:, 1] == OWN
-            self._own = [self._own[int(index)] for index in self._terms[is_own, 2]]
-            self._terms[is_own, 2] = np.arange(len(self._own))
         if not self._has_turn and (turns := arrived[arrived[:, 1] == TURN]).size:
             # Far from the true offset, the robust kernel would leave a turn hardly any weight.
             self._has_turn, first = True, turns[0].view(TERM)[0]
@@ -176,24 +152,21 @@ class Window:
             offset = se2.wrap(self._steps["g"][:, -1, 2] - angle)
             self.rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
 
-    def _solve(self, changing: Flags, is_alone: bool) -> None:
+    def _solve(self, changing: Flags, is_new: bool = False) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,); see `improve`.
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
-        terms, own, iterations = self._terms.view(TERM)[:, 0], np.empty((len(self.rows), 0, 0, 0)), _ITERATIONS
-        for call in range(_ITERATIONS if self._own else 1):
-            if self._own:
-                steps = self._steps
-                own_steps = [int(step) - self._left for step in self._terms[self._terms[:, 1] == OWN, 0]]
-                own = evaluated(self._own, own_steps, steps["g"], steps["e"], self.rows["shared"], self._times[-1])
-                iterations = 1
-            improve(
-                self._steps, self._left, self.rows, terms, own, self._given, changing, is_alone, iterations, call == 0
-            )
+        terms, steps, rows = self._terms.view(TERM)[:, 0], self._steps, self.rows
+        calls = _ITERATIONS if self._own else 1
+        for call in range(calls):
+            rows_of_own = evaluated(self._own, self._left, steps["g"], steps["e"], rows["shared"], self._time)
+            own, most = (np.array([step for step, _ in self._own], np.int64), rows_of_own), _ITERATIONS // calls
+            is_first = is_new and call == 0
+            improve(steps, self._left, rows, terms, own, self._given, changing, most, not is_new, is_first)
             if not changing.any():
                 break
-        if self.rows["is_lost"].all():
+        if rows["is_lost"].all():
             raise EstimationError("the linear system of the window is indeterminate")
 
     def _marginalise(self) -> None:
