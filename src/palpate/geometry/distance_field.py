@@ -4,7 +4,7 @@ The interpolant is the natural cubic B-spline through the node values. Its secon
 gradient and Hessian belong together, as the smoother needs them. `palpate.graph.contact_geometry` evaluates it.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,7 @@ from palpate.geometry.shapes import Shape
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class DistanceField:
+class DistanceField(NamedTuple):
     """Spline of the signed distance on a square grid in the object frame, negative inside."""
 
     origin: Array

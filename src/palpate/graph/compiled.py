@@ -42,14 +42,12 @@ def kernel(function: F) -> F:
     return _jit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-def compiled(function: F) -> F:
+def compiled(function: F, **options: Any) -> F:
     """Compile a function with Numba at its first call, or load it from Numba's cache."""
-    return _cached(_jit(function))
-
-
-def compiled_to_sum(function: F) -> F:
-    """Compile likewise a function whose sums may be taken in any order, and so several terms at a time."""
-    return _cached(_jit(function, fastmath={"reassoc"}))
+    made: Any = _jit(function, **options)
+    with suppress(RuntimeError):  # no folder for a cache can be written
+        made._cache = _Cache(function)
+    return made
 
 
 def folder_of(function: Any) -> Path | None:
@@ -68,12 +66,6 @@ def is_cached(function: Any) -> bool:
 def _jit(function: F, **options: Any) -> F:
     # Division by zero gives inf as in NumPy; a check would cost time in every loop.
     return numba.njit(error_model="numpy", **options)(function)  # pyright: ignore[reportReturnType]
-
-
-def _cached(function: Any) -> Any:
-    with suppress(RuntimeError):  # no folder for a cache can be written
-        function._cache = _Cache(function.py_func)
-    return function
 
 
 class _Cache(FunctionCache):

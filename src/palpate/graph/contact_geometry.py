@@ -51,11 +51,8 @@ class Surface(NamedTuple):
     """Centre of curvature of each round part (n,) [m], sensor frame."""
     radius: float
     """Radius of curvature of the parts [m]."""
-    coefficients: Array
-    """Spline coefficients of the distance field, with x0, y0 and cell [m] of its grid."""
-    x0: float
-    y0: float
-    cell: float
+    field: DistanceField
+    """Signed distance to the object's outline [m], object frame."""
     each: Records
     """Room for the CONTACT_GEOMETRY (n,) of each part."""
 
@@ -85,9 +82,7 @@ class ContactModel:
     @cached_property
     def surface(self) -> Surface:
         """The same for compiled code."""
-        field, (x0, y0) = self.field, map(float, self.field.origin)
-        each = np.empty(len(self.parts), CONTACT_GEOMETRY)
-        return Surface(self.parts, float(self.radius), field.coefficients, x0, y0, float(field.cell), each)
+        return Surface(self.parts, float(self.radius), self.field, np.empty(len(self.parts), CONTACT_GEOMETRY))
 
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""
@@ -201,9 +196,9 @@ def _distance(point: complex, surface: Surface) -> tuple[float, complex, complex
     They are those of a cubic B-spline inside the grid; outside, the value at the nearest point of the border plus the
     distance to it.
     """
-    coefficients, cell = surface.coefficients, surface.cell
+    origin, cell, coefficients = surface.field
     rows, columns = coefficients.shape[0] - 3, coefficients.shape[1] - 3
-    x, y = (point.real - surface.x0) / cell, (point.imag - surface.y0) / cell
+    x, y = (point.real - origin[0]) / cell, (point.imag - origin[1]) / cell
     at_x, at_y = min(max(x, 0.0), columns - 1.0), min(max(y, 0.0), rows - 1.0)
     column, row = int(at_x), int(at_y)
     wx, wy = _weights(at_x - column), _weights(at_y - row)

@@ -2,8 +2,8 @@
 
 A variable belongs to a step, to a whole contact, or to the object and all its contacts. Variables of a step form that
 step's vector. All others are shared by the steps of a contact and form one vector: first those of the contact, then
-those of the object. A new variable is one constant here, one entry of VARIABLES and, if it belongs to the object, one
-prior in `palpate.config.Priors`.
+those of the object. A new variable is one constant here and, if it belongs to the object, one prior in
+`palpate.config.Priors`.
 """
 
 from dataclasses import dataclass
@@ -55,20 +55,8 @@ FRICTION_CENTER = Variable("friction_center", "object", 2)
 GRIP = Variable("grip", "object", 1)
 """Coulomb friction coefficient between sensor and object."""
 
-VARIABLES = (
-    SENSOR_IN_OBJECT,
-    SENSOR,
-    TURN_OFFSET,
-    DIRECTION_BIAS,
-    DIRECTION_SCALE,
-    PLACE_BIAS,
-    DEPTH,
-    OUTLINE_SCALE,
-    FRICTION_RATIO,
-    FRICTION_CENTER,
-    GRIP,
-)
-"""All variables in the order of the state vectors."""
+VARIABLES = tuple(one for one in tuple(globals().values()) if isinstance(one, Variable))
+"""All of these, in their order, which is that of the state vectors."""
 
 OBJECT_POSE = Variable("object_pose", "step", 3)
 """Object pose in the world, o = e g^-1 [m, m, rad]: a derived quantity in contact, a variable of its own at rest."""

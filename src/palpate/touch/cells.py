@@ -5,12 +5,13 @@ of 0.1 mm shows, and the gel spreads every touch over more than a cell of 0.6 mm
 """
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.graph.compiled import Records, compiled, compiled_to_sum
+from palpate.graph.compiled import Records, compiled
 
 Image = NDArray[np.uint8]
 Levels = NDArray[np.float32]
@@ -157,7 +158,7 @@ def _put_lit(untouched: Records, light: Light, out: Levels) -> None:
                 out[row, column, channel] = part * untouched[row, column, channel]
 
 
-@compiled_to_sum
+@partial(compiled, fastmath={"reassoc"})  # sums may be taken in any order, and so several terms at a time
 def _planes(cells: Records, untouched: Records) -> Records:
     """Fit the light in cells relative to the untouched gel's by reweighted least squares."""
     rows, columns, channels = cells.shape
