@@ -92,7 +92,7 @@ class HypothesisBank:
     def _begin_rest(self) -> None:
         self._window: Window | None = None
         self._resting_since: float | None = None  # [s]
-        self._times: list[float] = []  # of the last frames of a contact [s]
+        self._times: Sequence[float] = []  # of the last frames of a contact [s]
         self._steps = 0  # of a contact
         self._contradicted = np.zeros(2, np.bool_)  # in a contact: images as they are, and mirrored
         self._contradicted_since = math.inf  # [s]
