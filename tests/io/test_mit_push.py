@@ -52,6 +52,17 @@ def test_mit_is_read(tmp_path, name):
     assert found.object_pose is not None and not np.isnan(found.object_pose).any()
 
 
+def test_mit_drop_outs_have_no_truth(tmp_path):
+    def drop(slider):
+        slider[:, 1000:1100] = slider[:, 1000:1001]
+
+    found = load(save_mit(tmp_path / "a.json", mit(q_slider=drop)))
+    lost = np.isnan(found.object_pose[:, 0])
+    # 1.000 s is measured, 1.001 to 1.099 s are not: of the frames at n/30 s, 31 and 32 (33 is at 1.100 s).
+    assert np.flatnonzero(lost).tolist() == [31, 32]
+    assert found.contact.all()
+
+
 def test_mit_at_rest_nothing_drops_out(tmp_path):
     def rest(values):
         values[:, 1500:] = values[:, 1500:1501]

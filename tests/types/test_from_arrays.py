@@ -187,7 +187,7 @@ def test_a_tilted_plane(caplog):
     found = made(poses=tilt @ in_space(curved, 0.0), plane="fit", image_time=POSE_TIME[:20])
     same(found.sensor_pose, curved[:20])
     assert [record.levelno for record in caplog.records] == [logging.WARNING]
-    assert "the sensor moves in the plane 5.7 degrees off" in caplog.text
+    assert "the sensor moves in the plane of normal (0.09" in caplog.text
 
 
 POSES = rows(in_space(true_pose(POSE_TIME)))

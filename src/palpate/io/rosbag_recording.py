@@ -239,7 +239,8 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
     images, flags = dict[int, bytes](), None
     if topic and types == (BOOL,):
         # Flags have no headers: they came as long after their time as the poses did.
-        given = {time + offset: flag for each in found.topics for time, flag in each.flags.items()}
+        sent = (each.flags.items() for each in found.topics if each.channel.topic == topic)
+        given = dict(sorted((time + offset, flag) for flags_ in sent for time, flag in flags_))
         begin, moving = min(given), [stream.times[choices.clock] for stream, _ in place.steps if not stream.is_static]
         stamps = np.arange(begin, max(map(max, [*moving, [begin]])) + 1, round(1e9 / sensor.rate))
         flags = np.array(list(given.values()))[np.searchsorted(np.array(list(given)), stamps, "right") - 1]

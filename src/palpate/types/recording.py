@@ -211,10 +211,8 @@ class Recording:
 
     @property
     def trusted_truth(self) -> Flags:
-        """True at frames (N,) whose ground truth is known and does not jump away and back."""
-        if self.object_pose is None:
-            return np.zeros(len(self), np.bool_)
-        return np.isfinite(self.object_pose[:, 0]) & ~spikes(self.object_pose)
+        """True at frames (N,) whose ground truth is known."""
+        return np.zeros(len(self), np.bool_) if self.object_pose is None else np.isfinite(self.object_pose[:, 0])
 
     def __len__(self) -> int:
         return len(self.time)
@@ -252,22 +250,3 @@ def contact_flags(gap: Array, touch: float, release: float) -> Flags:
     begins, ends = gap < touch, gap > release
     last = np.maximum.accumulate(np.where(begins | ends, np.arange(len(gap)), -1))
     return begins[last] & (last >= 0)
-
-
-def spikes(object_pose: Array) -> Flags:
-    """Return flags of frames (N,) whose pose is over 2 mm or 2 degrees off the median of itself and both neighbours.
-
-    Neighbours are different poses: one that is held counts once. A knock by hand moves the object as far in
-    one sample, but onwards and not back, and the median of three lets every onward motion pass.
-    """
-    known = np.flatnonzero(~np.isnan(object_pose).any(axis=1))
-    poses = object_pose[known]
-    start = np.flatnonzero(np.append(True, (np.diff(poses, axis=0) != 0).any(axis=1)))[: len(poses)]
-    fresh = poses[start]
-    fresh[:, 2] = np.unwrap(fresh[:, 2])
-    padded = np.concatenate([fresh[:1], fresh, fresh[-1:]])
-    off = np.abs(fresh - np.median([padded[:-2], fresh, padded[2:]], axis=0))
-    wrong = (np.hypot(off[:, 0], off[:, 1]) > 2e-3) | (off[:, 2] > np.radians(2.0))
-    flags = np.zeros(len(object_pose), np.bool_)
-    flags[known] = np.repeat(wrong, np.diff(np.append(start, len(poses))))
-    return flags

@@ -214,11 +214,6 @@ class Plane:
     height: float
     """Distance of the plane from the frame's origin along the normal [m]."""
 
-    def __str__(self) -> str:
-        """Return a description for people."""
-        tilt = np.degrees(np.arccos(np.clip(self.axes[2, 2], -1.0, 1.0)))
-        return f"plane {tilt:.1f} degrees off its xy plane at {self.height * 1e3:.1f} mm"
-
 
 def plane_across(frame: str, normal: Array, position: Array) -> Plane:
     """Return the plane with a normal (3,), of any length, at the median height of positions (N, 3) [m]."""
@@ -248,7 +243,7 @@ def plane_through(what: str, frame: str, position: Array) -> Plane:
         )
     plane = plane_across(frame, axes[2] if axes[2, 2] >= 0.0 else -axes[2], position)
     words = ", ".join(f"{each:.4f}" for each in plane.axes[:, 2])
-    logger.warning("%s: the sensor moves in the %s, normal (%s)", what, plane, words)
+    logger.warning("%s: the sensor moves in the plane of normal (%s)", what, words)
     return plane
 
 
