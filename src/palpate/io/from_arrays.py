@@ -17,7 +17,6 @@ from palpate.types.images import (
     Codec,
     camera_view,
     checked_pixels,
-    codec_of,
     decode_image,
     encode_image,
     fitted,
@@ -77,28 +76,37 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
 
 
 def encoded_images(
-    images: Any, indices: Sequence[int], codec: Codec, size: tuple[int, int], orientation: str
+    name: str, images: Any, indices: Sequence[int], size: tuple[int, int], orientation: str, codec: Codec
 ) -> tuple[bytes, ...]:
     """Return some images, fitted to a size (rows, columns), as encoded bytes; bytes stay as they are.
 
-    Raises FileError that names the first image that does not fit.
+    An encoded image that is damaged, or the error on it, is a frame that tracking skips. Raises FileError, which names
+    the image, if pixels do not fit, or none of the encoded images that are looked at is one of this size.
     """
-    view, data = camera_view(orientation), []
+    view, data, damage = camera_view(orientation), list[bytes](), list[str]()
     for index in indices:
         image = images[index]
         if isinstance(image, str | Path):
             image = existing_file(image).read_bytes()
-        with in_file(f"images: image {index}"):
-            if not isinstance(image, bytes):
+        if not isinstance(image, bytes | FileError):
+            with in_file(f"{name}: image {index}"):
                 pixels = checked_pixels(as_array("pixels", image))
                 data.append(encode_image(fitted(pixels, size, view), codec))
-                continue
+            continue
+        try:
+            if isinstance(image, FileError):
+                raise image
             data.append(turned_image(image, size, view))
-            if not codec_of(image):
-                raise FileError(f"begins with {image[:8]!r}; expected JPEG or PNG")
-            if len(data) == 1:
-                decode_image(data[0], size)
-    return tuple(data)
+        except FileError as error:
+            damage.append(f"image {index}: {error}")
+            data.append(b"")
+    for index in range(0, len(data), len(data) // 10 + 1):
+        try:
+            decode_image(data[index], size)
+            return tuple(data)
+        except FileError as error:
+            damage.append(f"image {indices[index]}: {error}")
+    raise FileError(f"{name}: {damage[0]}")
 
 
 def pose_source(name: str, poses: ArrayLike, time_name: str, time: ArrayLike) -> Source:
@@ -116,16 +124,16 @@ def planar_recording(
     placement: Placement,
     poses: tuple[str, Source],
     truth: tuple[str, Source] | None,
-    images: Callable[[list[int]], Sequence[bytes]] | None,
+    images: tuple[str, Any] | None,
     contact: NDArray[np.bool_] | None,
     sensor: SensorProfile,
+    codec: Codec = "jpeg",
     **fields: Any,
 ) -> tuple[Recording, Plane]:
     """Return frames at times (N,) [ns] as a recording in a plane; a warning says how many without pose are left out.
 
-    The plane that fits is that of frames in contact, by its flags or as images show it. Poses of the sensor and truth
-    have their names in errors, `what` is that of the recording; `images` returns those of some frames. Raises
-    FileError.
+    The plane that fits is that of frames in contact, by its flags or as images show it. Poses of the sensor, truth
+    and images have their names in errors, `what` is that of the recording. Raises FileError.
     """
     time = time + round(placement.time_offset * 1e9)
     placed, object_pose = placement.of_gel(poses[1](time)), None
@@ -138,7 +146,9 @@ def planar_recording(
     if left_out := np.count_nonzero(~keep):
         words = "%s: %d of %d images have no sensor pose at their time and are left out"
         logger.warning(words, what, left_out, len(time))
-    image = None if images is None else images(np.flatnonzero(keep).tolist())
+    size, image = (sensor.image_height, sensor.image_width), None
+    if images is not None:
+        image = encoded_images(*images, np.flatnonzero(keep).tolist(), size, placement.orientation, codec)
     placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
     if placement.plane == "fit":
         touching = _touched(image or (), sensor) if contact is None else contact

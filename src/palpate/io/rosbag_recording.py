@@ -28,7 +28,6 @@ from palpate.io.ros_messages import (
     stamp_of,
 )
 from palpate.io.rosbag_reader import Contents, PoseStream, Topic, bag_messages, contents
-from palpate.types.images import camera_view, decode_image, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import Placed, Placement, Plane, Times
@@ -236,7 +235,7 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
         raise FileError(
             f"poses of the sensor are given in frame {place.frame!r}, those of the object in {truth.frame!r}"
         )
-    images, flags = dict[int, bytes](), None
+    images, flags = {}, None
     if topic and types == (BOOL,):
         # Flags have no headers: they came as long after their time as the poses did.
         sent = (each.flags.items() for each in found.topics if each.channel.topic == topic)
@@ -245,7 +244,7 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
         stamps = np.arange(begin, max(map(max, [*moving, [begin]])) + 1, round(1e9 / sensor.rate))
         flags = np.array(list(given.values()))[np.searchsorted(np.array(list(given)), stamps, "right") - 1]
     else:
-        images = _images(found, topic, choices, sensor)
+        images = _images(found, topic, choices)
         stamps = np.array(sorted(images), np.int64)
     sources = topic or choices.image_times, place.name, truth and truth.name
     return BagReading(
@@ -256,7 +255,7 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
             choices,
             (f"the sensor ({place.name})", partial(place.placed, choices.clock)),
             truth and (f"the object ({truth.name})", partial(truth.placed, choices.clock)),
-            None if flags is not None else lambda indices: [images[stamp] for stamp in stamps[indices].tolist()],
+            None if flags is not None else (f"{sources[0]}", [images[stamp] for stamp in stamps.tolist()]),
             flags,
             sensor,
             shape=shape,
@@ -266,29 +265,18 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
     )
 
 
-def _images(found: Contents, topic: str, choices: BagChoices, sensor: SensorProfile) -> dict[int, bytes]:
-    """Return encoded images by their times [ns]; those that are damaged may be empty.
-
-    Raises FileError if none of those that are looked at is one of the sensor.
-    """
-    images, damage, repeated = dict[int, bytes](), list[FileError](), 0
-    size, view = (sensor.image_height, sensor.image_width), camera_view(choices.orientation)
+def _images(found: Contents, topic: str, choices: BagChoices) -> dict[int, bytes | FileError]:
+    """Return encoded images by their times [ns], or the error on one that is damaged."""
+    images, repeated = dict[int, bytes | FileError](), 0
     for time, message in _sent_images(found, topic, choices):
         repeated += time in images
-        images[time] = b""
         try:
-            images[time] = turned_image(image_of(message), size, view)
-        except FileError as error:  # a damaged image is a frame that tracking skips
-            damage.append(error)
+            images[time] = image_of(message)
+        except FileError as error:
+            images[time] = error
     if repeated:
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
-    for data in list(images.values())[:: len(images) // 10 + 1]:
-        try:
-            decode_image(data, size)
-            return images
-        except FileError as error:
-            damage.append(error)
-    raise FileError(f"{topic or choices.image_times}: an image: {damage[0]}") from damage[0]
+    return images
 
 
 def _sent_images(found: Contents, topic: str, choices: BagChoices) -> Iterator[tuple[int, Any]]:

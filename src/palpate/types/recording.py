@@ -156,7 +156,7 @@ class Recording:
         - contact: (N,) True for each image in which the sensor touches the object.
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
-        from palpate.io.from_arrays import encoded_images, nanoseconds, planar_recording, pose_source
+        from palpate.io.from_arrays import nanoseconds, planar_recording, pose_source
         from palpate.types.space import Placement
 
         placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)
@@ -181,7 +181,6 @@ class Recording:
         if known.dtype.kind != "f" or not np.isnan(known).all():
             seen_at = pose_time if object_time is None else object_time
             truth = "the object (object_poses)", pose_source("object_poses", known, "object_time", seen_at)
-        size = sensor.image_height, sensor.image_width
         recording, _ = planar_recording(
             "from_arrays",
             "world",
@@ -189,9 +188,10 @@ class Recording:
             placement,
             ("the sensor (poses)", pose_source("poses", poses, "pose_time", pose_time)),
             truth,
-            None if given is None else lambda indices: encoded_images(given, indices, codec, size, orientation),
+            None if given is None else ("images", given),
             flags,
             sensor,
+            codec,
             shape=shape,
             source=source,
         )
