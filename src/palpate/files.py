@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError
+from palpate.errors import FileError, PalpateError
 
 
 def existing_file(path: Path | str) -> Path:
@@ -83,11 +83,12 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def in_file(path: Path | str) -> Iterator[None]:
-    """Name a file, or a part of one, in the FileErrors of what was read from it, where they do not yet."""
+    """Name a file, or a part of one, in errors on what was read from it, where they do not yet; all are FileErrors."""
     try:
         yield
-    except FileError as error:
-        raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+    except PalpateError as error:
+        words = str(error).removeprefix(f"{path}: ").split()  # what a file holds may have line breaks
+        raise FileError(f"{path}: {' '.join(words)}") from error
 
 
 def _unpacked(path: Path, most: int) -> bytes:

@@ -189,7 +189,7 @@ WHOLE = {"version": "1", "shape": '{"type": "disc", "radius": 0.05}', "sensor": 
     [
         ({"version": "2"}, {}, "has version '2', this palpate reads version 1"),
         ({}, {}, "has version None"),
-        (WHOLE, {"palpate/time.npy": b"no array"}, r"attachment palpate/time\.npy is damaged"),
+        (WHOLE, {"palpate/time.npy": b"no array"}, r"attachment or metadata palpate/time\.npy is damaged"),
         ({"version": "1"}, {}, "metadata shape: is not valid JSON"),
         ({"version": "1", "shape": "{"}, {}, "metadata shape: is not valid JSON"),
     ],

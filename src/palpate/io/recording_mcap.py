@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.errors import FileError, PalpateError, SettingError
-from palpate.files import existing_file, json_object
+from palpate.errors import FileError, SettingError
+from palpate.files import existing_file, in_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io.mcap_file import CutShort, MessageWriter, front_matter, is_mcap, mcap_messages, nanoseconds, new_mcap
 from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, decoded
@@ -81,7 +80,7 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
 def read_recording(path: Path | str) -> Recording:
     """Read a recording of palpate; of one that is cut off, the whole frames, with a warning. Raises FileError."""
     path = existing_file(path)
-    try:
+    with in_file(path):
         metadata, attachments = front_matter(path) if is_mcap(path) else ({}, {})
         if (about := metadata.get(METADATA)) is None:
             raise FileError(f"is no recording of palpate, which is an MCAP with metadata named {METADATA!r}")
@@ -89,42 +88,37 @@ def read_recording(path: Path | str) -> Recording:
             raise FileError(f"has version {version!r}, this palpate reads version {VERSION}: update palpate")
         shape = shape_from_dict(json_object(about.get("shape", ""), "metadata shape"))
         sensor = sensor_from_dict(json_object(about.get("sensor", ""), "metadata sensor"))
-        files = {name.removeprefix(ARRAYS): data for name, data in attachments.items() if name.startswith(ARRAYS)}
+        files = {name: data for name, data in attachments.items() if name.startswith(ARRAYS)}
         if files:
             return _from_arrays(path, about, files, shape, sensor)
         # Of a live session: each image with the sensor's pose at its time. That is the time of recording, which equals
         # the headers': a replay may begin at 0 s, which in a header means no stamp.
         choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
         return read_bag(path, shape, choices, sensor).recording
-    except PalpateError as error:
-        raise FileError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
-
-
-def _array(name: str, data: bytes) -> NDArray[Any]:
-    try:
-        return np.load(io.BytesIO(data), allow_pickle=False)
-    except Exception as error:  # damaged bytes can raise anything in NumPy's reader of headers
-        raise FileError(f"attachment {ARRAYS}{name} is damaged") from error
 
 
 def _from_arrays(
     path: Path, about: Mapping[str, str], files: Mapping[str, bytes], shape: Shape, sensor: SensorProfile
 ) -> Recording:
-    arrays = {name.removesuffix(".npy"): _array(name, data) for name, data in files.items()}
+    arrays: dict[str, Any] = {}
+    poses = {name: about[name] for name in ("first_pose", "first_pose_sigma", "set_up_sigma") if name in about}
+    for name, data in [*files.items(), *poses.items()]:
+        try:
+            if isinstance(data, bytes):
+                arrays[name.removeprefix(ARRAYS).removesuffix(".npy")] = np.load(io.BytesIO(data), allow_pickle=False)
+            else:
+                arrays[name] = json.loads(data)
+        except Exception as error:  # damaged bytes can raise anything in NumPy's reader of headers
+            raise FileError(f"attachment or metadata {name} is damaged") from error
     for name in ("time", "sensor_pose"):
         if name not in arrays:
             raise FileError(f"array {name} is missing, or the file is cut off before it")
-    try:
-        names = ("first_pose", "first_pose_sigma", "set_up_sigma")
-        poses = {name: json.loads(about[name]) for name in names if name in about}
-    except ValueError as error:
-        raise FileError(f"metadata of poses: is not valid JSON ({error})") from error
     images, count = _frames(path, len(arrays["time"]))
     if 0 < len(images) < count:
         raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
     return Recording(
         **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
-        **poses,
+        **{name: arrays[name] for name in poses},
         shape=shape,
         sensor=sensor,
         image=images[:count] or None,

@@ -111,7 +111,12 @@ class Recording:
                 if not isinstance(image, bytes):
                     found = f"image {index} is of type {type(image).__name__}"
                     raise FileError(f"image: {found}, expected encoded bytes; Recording.from_arrays encodes arrays")
-        settle("extra", {name: _checked_extra(name, value, n) for name, value in self.extra.items()})
+        for name, value in self.extra.items():
+            if not name or "/" in name or name == ".":
+                raise FileError(f"extra: found the name {name!r}, allowed are names without a slash")
+            size = value.shape[1:] if isinstance(value, np.ndarray) else ()
+            checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
+        settle("extra", {name: np.asarray(value) for name, value in self.extra.items()})
 
     @classmethod
     def from_arrays(
@@ -233,13 +238,6 @@ class Recording:
 
     def __iter__(self) -> Iterator[Frame]:
         return (self[index] for index in range(len(self)))
-
-
-def _checked_extra(name: str, value: Any, n: int) -> NDArray[Any]:
-    if not name or "/" in name or name == ".":
-        raise FileError(f"extra: found the name {name!r}, allowed are names without a slash")
-    size = value.shape[1:] if isinstance(value, np.ndarray) else ()
-    return checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
 
 
 def contact_flags(gap: Array, touch: float, release: float) -> Flags:
