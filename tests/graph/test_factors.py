@@ -22,7 +22,7 @@ from push_samples import (
 from palpate import ContactDirection, Measurement, ObjectPose, OwnMeasurement, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.own_measurements import evaluated
+from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import (
     DEPTH,
     DIRECTION_BIAS,
@@ -277,7 +277,7 @@ def test_own_measurements():
     def rows(change: Array) -> Array:
         there = perturbed(at, change)
         own = [(0, Seen()), (0, Stretched())]
-        return evaluated([*own], 0, there.steps["g"], there.steps["e"], there.rows["shared"], 0.0)
+        return OwnMeasurements([*own]).evaluated(0, there.steps["g"], there.steps["e"], there.rows["shared"])
 
     here = rows(np.zeros(WIDTH))
     for c, change in enumerate(STEP * np.eye(WIDTH)[STEP_SIZE:]):

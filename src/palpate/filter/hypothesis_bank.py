@@ -21,16 +21,15 @@ from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, t
 from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
 from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
-from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.compiled import Array, Integers
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import Step, make_factors, place_in_time
-from palpate.graph.own_measurements import values_at, with_right_jacobians
-from palpate.graph.variables import CONTACT_SIZE, GRIP, IN_OBJECT, LAG
+from palpate.graph.factors import Step, make_factors, step_of, timely
+from palpate.graph.own_measurements import OwnMeasurements
+from palpate.graph.variables import GRIP, IN_OBJECT, LAG
 from palpate.graph.window import Window
 from palpate.types.estimate import REASONS, Answer, Estimate
-from palpate.types.measurements import ContactDirection, Measurement, ObjectPose, OwnMeasurement
+from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
 
 logger = logging.getLogger(__name__)
 
@@ -67,7 +66,7 @@ class HypothesisBank:
         length, angle = settings.tolerance
         tolerance = (length, math.inf if is_round(model) else angle)  # a round object looks alike at every yaw
         self._monitor = ConsistencyMonitor(model, settings.noise, tolerance)
-        self._is_right: dict[type, bool] = {}  # classes of own measurements: True if their Jacobian is right
+        self._own = OwnMeasurements()
         self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
         """True if touch images are taken as turned by half a turn or mirrored."""
@@ -162,9 +161,9 @@ class HypothesisBank:
         Raises EstimationError, with nothing changed, if measurements leave no solution.
         """
         since = time if self._resting_since is None else self._resting_since
-        measurements = self._checked(measurements, sensor_pose, time)
         if measurements:
-            self._rows, is_found = measured_at_rest(self._rows, measurements, (since, time), self._monitor)
+            times = since, time
+            self._rows, is_found = measured_at_rest(self._rows, measurements, times, self._monitor, self._own)
             self._touched = None if is_found else self._touched
         touched, when = self._touched or (sensor_pose, time)
         self._monitor.test_rest(self._rows, sensor_pose, touched, time - when)
@@ -179,8 +178,8 @@ class HypothesisBank:
         If the graph has no solution, another one begins with this frame from the best last pose. Raises EstimationError
         if a graph has none at its first frame; the next frame then begins another.
         """
-        measurements = self._checked(measurements, sensor_pose, time)
-        step = Step(sensor_pose, measurements, from_touch, [*self._times, time])
+        times = [*self._times, time]
+        step = Step(sensor_pose, timely(measurements, times), from_touch, times)
         path = None if self._window is None else self._window.object_path()
         try:
             is_measured = self._begin_contact(step) if path is None else self._continue_contact(step, path)
@@ -263,8 +262,8 @@ class HypothesisBank:
             self._rows = rows
         is_measured = any(isinstance(one, ObjectPose) for one in step.measurements)
         rows.hold_out_yaw(is_observable=is_measured or not is_round(self._model))
-        priors = self._settings.priors
-        self._window = Window(self._factors, self._model, rows.belief, step, self._lag, priors, rows.sign)
+        known = self._factors, self._model, rows.belief
+        self._window = Window(*known, step, self._lag, self._settings.priors, rows.sign, self._own)
         self._drop_lost(self._window)
         return self._test_object_poses(step, self._rows.belief.pose[:, None])
 
@@ -282,12 +281,9 @@ class HypothesisBank:
 
     def _test_object_poses(self, step: Step, path: Array) -> bool:
         """Test measured poses of the object against the poses (B, N, 3) before this step; True if there are any."""
-        measured, expected = [], []
-        for one in step.measurements:
-            if isinstance(one, ObjectPose) and (ago := place_in_time(one, step.times)) is not None:
-                measured.append(one)
-                expected.append(path[:, min(ago, -1)])
+        measured = [one for one in step.measurements if isinstance(one, ObjectPose)]
         if measured:
+            expected = [path[:, min(step_of(one, step.times), -1)] for one in measured]
             moved = np.zeros(2) if self._sensor_pose is None else (step.sensor_pose - self._sensor_pose)[:2]
             self._monitor.test_object_poses(self._rows, expected, measured, math.hypot(*moved))
         return bool(measured)
@@ -352,14 +348,6 @@ class HypothesisBank:
         self._may_be_mirrored, self.is_mirrored = False, bool(self._rows.sign[0] < 0.0)
         if self.is_mirrored:
             logger.warning("frame at %.3f s: %s", time, _MIRRORED)
-
-    def _checked(self, measurements: Sequence[Measurement], sensor_pose: Array, time: float) -> Sequence[Measurement]:
-        if not any(isinstance(one, OwnMeasurement) for one in measurements):
-            return measurements
-        belief = self._rows.belief
-        shared = np.concatenate([np.zeros(CONTACT_SIZE), belief.values[0]])
-        values = values_at(se2.between(belief.pose[0], sensor_pose), sensor_pose, shared)
-        return with_right_jacobians(measurements, self._is_right, values, time)
 
     def _in_window(self) -> Window:
         assert self._window is not None

@@ -14,8 +14,8 @@ from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.compiled import Array
-from palpate.graph.factors import place_in_time, warn_of_time
-from palpate.graph.own_measurements import evaluated
+from palpate.graph.factors import timely
+from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import CONTACT_SIZE, IN_STEP, OBJECT_SIZE, SENSOR, STEP_SIZE
 from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
 
@@ -28,6 +28,7 @@ def measured_at_rest(
     measurements: Sequence[Measurement],
     times: tuple[float, float],
     monitor: ConsistencyMonitor,
+    own: OwnMeasurements,
 ) -> tuple[Hypotheses, bool]:
     """Return the hypotheses with measurements of the resting object, and True if these are of its pose.
 
@@ -35,35 +36,30 @@ def measured_at_rest(
     the times [s], and measurements may have any time from then to the second, now. Raises EstimationError if there is
     no solution.
     """
-    whole, now = rows.whole_belief, times[-1]
+    whole, own.given, own.time = rows.whole_belief, [], times[-1]
     poses: list[ObjectPose] = []
-    own: list[tuple[int, OwnMeasurement]] = []
-    for one in measurements:
-        if not isinstance(one, ObjectPose | OwnMeasurement):
-            continue
-        if place_in_time(one, times, at_rest=True) is None:
-            warn_of_time(one, times)
-        elif isinstance(one, ObjectPose):
+    for one in timely(measurements, times):
+        if isinstance(one, ObjectPose):
             poses.append(one)
-        else:
-            own.append((0, one))
+        elif isinstance(one, OwnMeasurement):
+            own.given.append((0, one))
     prior = whole.inflated(monitor.displacement_covariance(rows))
     tested = replace(rows, belief=prior, unobservable_yaw=np.zeros_like(rows.unobservable_yaw))
     monitor.test_object_poses(tested, [prior.pose] * len(poses), poses)
-    is_of_pose = bool(_linearised(poses, own, whole.pose, whole.values, now)[1][..., :3].any())
+    is_of_pose = bool(_linearised(poses, own, whole.pose, whole.values)[1][..., :3].any())
     if is_of_pose:  # the object may have been found elsewhere
         whole = prior.inflated(monitor.contradiction_covariance(rows))
         tested.displacement = np.zeros_like(rows.displacement)
-    tested.belief = _solved(whole, poses, own, now) if poses or own else whole
+    tested.belief = _solved(whole, poses, own) if poses or own.given else whole
     return tested, is_of_pose
 
 
-def _solved(prior: Belief, poses: list[ObjectPose], own: list[tuple[int, OwnMeasurement]], now: float) -> Belief:
+def _solved(prior: Belief, poses: list[ObjectPose], own: OwnMeasurements) -> Belief:
     """Return the beliefs after measurements."""
     before, pose, values, covariance = np.linalg.inv(prior.covariance), prior.pose, prior.values, prior.covariance
     for _ in range(_ITERATIONS):
         off = np.concatenate([se2.log(se2.between(prior.pose, pose)), values - prior.values], axis=1)
-        residual, jacobian = _linearised(poses, own, pose, values, now)
+        residual, jacobian = _linearised(poses, own, pose, values)
         transposed = jacobian.transpose(0, 2, 1)
         gradient = -before @ off[..., None] - transposed @ residual[..., None]
         try:
@@ -79,9 +75,7 @@ def _solved(prior: Belief, poses: list[ObjectPose], own: list[tuple[int, OwnMeas
     return Belief(pose, values, 0.5 * (covariance + covariance.transpose(0, 2, 1)))
 
 
-def _linearised(
-    poses: list[ObjectPose], own: list[tuple[int, OwnMeasurement]], pose: Array, values: Array, now: float
-) -> tuple[Array, Array]:
+def _linearised(poses: list[ObjectPose], own: OwnMeasurements, pose: Array, values: Array) -> tuple[Array, Array]:
     """Return whitened residuals (B, R) at object poses (B, 3) and variables, and their Jacobians by both."""
     count = len(pose)
     residuals, jacobians = [np.empty((count, 0))], [np.empty((count, 0, 3 + OBJECT_SIZE))]
@@ -91,7 +85,7 @@ def _linearised(
         jacobians.append(np.dstack([root @ se2.right_jacobian_inverse(off), np.zeros((count, 3, OBJECT_SIZE))]))
     # With the object in place of the sensor, g = 0 and e = o, a perturbation of e is one of the object.
     shared = np.concatenate([np.zeros((count, CONTACT_SIZE)), values], axis=1)
-    rows = evaluated(own, 0, np.zeros((count, 1, 3)), pose[:, None], shared, now, at_rest=True)
+    rows = own.evaluated(0, np.zeros((count, 1, 3)), pose[:, None], shared, at_rest=True)
     for row in rows.swapaxes(0, 1):
         residuals.append(row[..., 0])
         jacobians.append(np.dstack([row[..., 1:][..., IN_STEP[SENSOR]], row[..., 1 + STEP_SIZE + CONTACT_SIZE :]]))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Shape
 from palpate.graph.compiled import Array, Complex, Records, compiled, kernel
-from palpate.graph.se2_kernels import dot, position, rotation
+from palpate.graph.se2_kernels import position, rotation
 from palpate.types.sensor import SensorProfile
 
 Weights = tuple[float, float, float, float]
@@ -139,7 +139,7 @@ def _put_round(place: complex, turn: complex, center: complex, surface: Surface,
     for c in range(3):
         moved = turn if c == 0 else 1j * turn if c == 1 else 1j * turn * center
         normal_by = bend_x * moved.real + bend_y * moved.imag
-        touch.gap_by_g[c] = dot(normal, moved)
+        touch.gap_by_g[c] = (normal.conjugate() * moved).real
         touch.normal_by_g[c] = normal_by
         touch.point_by_g[c] = moved - radius * normal_by
         touch.material_by_g[c] = -radius * turn.conjugate() * normal_by

@@ -30,7 +30,7 @@ from palpate.graph.variables import (
 from palpate.types.measurements import ContactDirection, ContactPlace, Measurement, ObjectPose, OwnMeasurement, Turn
 
 logger = logging.getLogger(__name__)
-_SLACK = 0.02  # [s] tolerance on a measurement's time if there is only one step
+_SLACK = 0.02  # [s] tolerance on a measurement's time
 _NO_POSE = 12 * (0.0,)  # pose and root of a term that has none
 
 _PUSHING, _OTHERS = "sticking balance friction_cone", "first_pose sensor_pose contact direction place turn object_pose"
@@ -81,7 +81,7 @@ STEP = _record(
 - cost: cost of measurements and of pushing, and 1 if the latter does not count, as for all disturbed steps until one
   hypothesis is left.
 - squares, counts: squared errors of each factor, without kernels [variances], and its number.
-- root, y: what is left of the step once it is eliminated; see `block_tridiagonal.eliminate`.
+- root, y: what is left of the step once it is eliminated; see `gauss_newton.eliminate`.
 """
 PAST = _record(
     {"information": f"({LAST_SIZE},{LAST_SIZE})f8", "gradient": f"{LAST_SIZE}f8"}
@@ -140,7 +140,7 @@ class Step:
     sensor_pose: Array
     """Measured world_T_sensor, (3,) [m, m, rad]."""
     measurements: Sequence[Measurement] = ()
-    """Measurements from touch and other sources."""
+    """Measurements from touch and other sources, those of other times near one of `times`."""
     from_touch: int = 0
     """Number of leading measurements that were read from touch images, which may be mirrored."""
     times: Sequence[float] = (0.0,)
@@ -160,29 +160,24 @@ class Step:
         return found
 
 
-def place_in_time(measurement: Measurement, times: Sequence[float], at_rest: bool = False) -> int | None:
-    """Return the step nearest to the time of a measurement: 0 is the last, -1 the one before, None outside of them.
+def timely(measurements: Sequence[Measurement], times: Sequence[float]) -> list[Measurement]:
+    """Return the measurements without those of a time before or after all of these [s], which a warning names."""
+    kept = []
+    for one in measurements:
+        time = getattr(one, "time", None)
+        if time is None or times[0] - _SLACK <= time <= times[-1] + _SLACK:
+            kept.append(one)
+        else:
+            found = f"measurement {type(one).__name__} has time {time} s"
+            allowed = f"between {times[0]:.3f} s and now"
+            logger.warning("frame at %.3f s: %s, which is not %s; it is left out", times[-1], found, allowed)
+    return kept
 
-    Steps have these times [s]. At rest, when there is one step, the object has been at rest for all of them.
-    """
-    time, (first, last) = getattr(measurement, "time", None), (times[0], times[-1])
-    if time is None:
-        return 0
-    slack = _SLACK if at_rest or len(times) < 2 else 0.5 * (last - first) / (len(times) - 1)
-    if first - slack <= time <= last + slack:
-        return int(np.argmin(np.abs(np.asarray(times) - time))) + 1 - len(times)
-    return None
 
-
-def warn_of_time(measurement: Measurement, times: Sequence[float]) -> None:
-    """Warn that a measurement is left out since it is of a time outside of these [s]."""
-    logger.warning(
-        "frame at %.3f s: measurement %s has time %s s, which is not between %.3f s and now; it is left out",
-        times[-1],
-        type(measurement).__name__,
-        getattr(measurement, "time", None),
-        times[0],
-    )
+def step_of(measurement: Measurement, times: Sequence[float]) -> int:
+    """Return the step nearest to the time of a measurement: 0 is the last of these times [s], -1 the one before."""
+    time = getattr(measurement, "time", None)
+    return 0 if time is None else int(np.argmin(np.abs(np.asarray(times) - time))) + 1 - len(times)
 
 
 def terms_of(step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasurement]]]:
@@ -200,13 +195,11 @@ def terms_of(step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasure
             found.append((number, PLACE, one.place, one.variance, is_touch, *_NO_POSE))
         elif isinstance(one, Turn):
             found.append((number, TURN, one.angle, one.variance, is_touch, *_NO_POSE))
-        elif (ago := place_in_time(one, step.times)) is None:
-            warn_of_time(one, step.times)
         elif isinstance(one, ObjectPose):
-            root = np.linalg.inv(np.linalg.cholesky(one.covariance))
-            found.append((number + ago, OBJECT_POSE, 0.0, 0.0, False, *one.pose.tolist(), *root.ravel().tolist()))
+            root, its = np.linalg.inv(np.linalg.cholesky(one.covariance)), number + step_of(one, step.times)
+            found.append((its, OBJECT_POSE, 0.0, 0.0, False, *one.pose.tolist(), *root.ravel().tolist()))
         elif isinstance(one, OwnMeasurement):
-            own.append((number + ago, one))
+            own.append((number + step_of(one, step.times), one))
     found.sort(key=lambda term: term[:2])
     return np.array(found, np.float64).reshape(-1, TERM_SIZE), own
 

@@ -6,7 +6,7 @@ A kernel writes the linearised rows of a factor and returns their number; see `f
 import math
 
 from palpate.graph.compiled import Array, Records, kernel
-from palpate.graph.se2_kernels import adjoint, between, cauchy, cross, dot, log, log_by_pose, position, rotation, wrap
+from palpate.graph.se2_kernels import adjoint, between, cauchy, log, log_by_pose, position, rotation, wrap
 from palpate.graph.variables import (
     CONTACT_SIZE,
     DEPTH,
@@ -71,9 +71,10 @@ def contact(now: Records, row: Records, settings: Records, out: Records) -> int:
     touch, jacobian = now.touch, out.jacobian[0]
     depth, scale = row.shared[_DEPTH - _SHARED], row.shared[_SIZE - _SHARED]
     arm = touch.point - settings.friction_center
-    reach = dot(touch.normal, arm) - touch.gap
+    reach = (touch.normal.conjugate() * arm).real - touch.gap
     for c in range(3):
-        reach_by = dot(touch.normal_by_g[c], arm) + dot(touch.normal, touch.point_by_g[c]) - touch.gap_by_g[c]
+        turned, moved = touch.normal_by_g[c].conjugate() * arm, touch.normal.conjugate() * touch.point_by_g[c]
+        reach_by = turned.real + moved.real - touch.gap_by_g[c]
         jacobian[_G + c] = touch.gap_by_g[c] - scale * reach_by
     jacobian[_DEPTH], jacobian[_SIZE] = 1.0, -reach
     error = touch.gap + depth - scale * reach
@@ -94,7 +95,7 @@ def direction(now: Records, row: Records, term: Records, settings: Records, out:
     # The spline's gradient has length 1 except near the medial axis, where it may vanish.
     square = max(touch.normal.real**2 + touch.normal.imag**2, _NO_GRADIENT)
     for c in range(3):
-        jacobian[_G + c] = cross(touch.normal, touch.normal_by_g[c]) / square
+        jacobian[_G + c] = (touch.normal.conjugate() * touch.normal_by_g[c]).imag / square
     jacobian[_G + 2] -= 1.0  # the direction stays while the sensor turns
     jacobian[_BIAS], jacobian[_SCALE] = 1.0, angle
     error = math.atan2(off.imag, off.real)

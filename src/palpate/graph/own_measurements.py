@@ -1,12 +1,13 @@
 """Measurements that bring their own residual, for sources that palpate does not know; see `OwnMeasurement`.
 
-A Jacobian that comes with a residual is compared with finite differences once. A measurement of the object's pose is
+A measurement of the object's pose is
 converted to the poses in the graph: with o = e g^-1, a perturbation d of e perturbs o by `Ad_g d`, one of g by
 `-Ad_g d`.
 """
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,46 +27,62 @@ from palpate.graph.variables import (
     Variable,
     named,
 )
-from palpate.types.measurements import Measurement, OwnMeasurement, check_time
+from palpate.types.measurements import OwnMeasurement, check_time
 
 logger = logging.getLogger(__name__)
 _LARGEST = 1e12  # [standard deviations]; the square of more could overflow
 _ROWS = 6  # of a measurement, at most
 
 
-def evaluated(
-    own: list[tuple[int, OwnMeasurement]],
-    first: int,
-    g: Array,
-    e: Array,
-    shared: Array,
-    time: float,
-    at_rest: bool = False,
-) -> Array:
-    """Return the residuals and Jacobians (B, M, 6, 1 + LAST_SIZE) of own measurements at poses (B, N, 3).
+@dataclass(eq=False)
+class OwnMeasurements:
+    """Own measurements in a graph, and what is known of their classes."""
 
-    Measurements come with their steps, of which the `first` has the first poses. Columns are the residual and its
-    derivatives by g, e and the shared variables. A measurement that returns something unusable is named in a warning
-    and removed from the list, as is one of variables that there are not while nothing touches the object.
-    """
-    known = (OBJECT_POSE, *OF_OBJECT) if at_rest else (OBJECT_POSE, *VARIABLES)
-    rows, usable = [], []
-    for step, measurement in own:
-        its, k = np.zeros((len(g), _ROWS, 1 + LAST_SIZE)), step - first
-        try:
-            if missing := [name for name in measurement.on if named(name) not in known]:
-                found = f"measurement {type(measurement).__name__} is of {missing[0]}"
-                raise EstimationError(f"{found}; at rest there are {', '.join(one.name for one in known)}")
-            for b in range(len(g)):
-                residual, jacobian = linearised(measurement, values_at(g[b, k], e[b, k], shared[b]))
-                its[b, : len(residual), 0], its[b, : len(residual), 1:] = residual, jacobian
-        except EstimationError as error:
-            logger.warning("frame at %.3f s: %s; it is left out", time, error)
-        else:
-            rows.append(its)
-            usable.append((step, measurement))
-    own[:] = usable
-    return np.stack(rows, axis=1) if rows else np.empty((len(g), 0, _ROWS, 1 + LAST_SIZE))
+    given: list[tuple[int, OwnMeasurement]] = field(default_factory=list)
+    """Measurements with their steps."""
+    time: float = 0.0
+    """Time of the last frame [s]."""
+    is_right: dict[type, bool] = field(default_factory=dict)
+    """Classes so far, and True if their Jacobian is the derivative of their residual."""
+
+    def evaluated(self, first: int, g: Array, e: Array, shared: Array, at_rest: bool = False) -> Array:
+        """Return the residuals and Jacobians (B, M, 6, 1 + LAST_SIZE) at poses (B, N, 3), those of the `first` step on.
+
+        Columns are the residual and its derivatives by g, e and the shared variables. A measurement that returns
+        something unusable, or is of variables that there are not while nothing touches the object, is named in a
+        warning and left out from then on.
+        """
+        known = (OBJECT_POSE, *OF_OBJECT) if at_rest else (OBJECT_POSE, *VARIABLES)
+        rows, usable = [], []
+        for step, measurement in self.given:
+            its, k = np.zeros((len(g), _ROWS, 1 + LAST_SIZE)), step - first
+            try:
+                if missing := [name for name in measurement.on if named(name) not in known]:
+                    found = f"measurement {type(measurement).__name__} is of {missing[0]}"
+                    raise EstimationError(f"{found}; at rest there are {', '.join(one.name for one in known)}")
+                for b in range(len(g)):
+                    values = values_at(g[b, k], e[b, k], shared[b])
+                    if not self._has_right_jacobian(measurement, values):
+                        break
+                    residual, jacobian = linearised(measurement, values)
+                    its[b, : len(residual), 0], its[b, : len(residual), 1:] = residual, jacobian
+                else:
+                    rows.append(its)
+                    usable.append((step, measurement))
+            except EstimationError as error:
+                logger.warning("frame at %.3f s: %s; it is left out", self.time, error)
+        self.given = usable
+        return np.stack(rows, axis=1) if rows else np.empty((len(g), 0, _ROWS, 1 + LAST_SIZE))
+
+    def _has_right_jacobian(self, measurement: OwnMeasurement, values: dict[Variable, Array]) -> bool:
+        """Compare the first Jacobian of each class with finite differences; a warning names the class if it differs."""
+        kind = type(measurement)
+        if kind not in self.is_right:
+            wrong = _wrong_derivative(measurement, values)
+            self.is_right[kind] = not wrong
+            if wrong:
+                logger.warning("frame at %.3f s: %s; all of them are left out", self.time, wrong)
+        return self.is_right[kind]
 
 
 def values_at(g: Array, e: Array, shared: Array) -> dict[Variable, Array]:
@@ -116,22 +133,6 @@ def linearised(measurement: OwnMeasurement, values: dict[Variable, Array]) -> tu
         else:
             by_each[variable] += part
     return residual, np.concatenate(list(by_each.values()), axis=1)
-
-
-def with_right_jacobians(
-    measurements: Sequence[Measurement], is_right: dict[type, bool], values: dict[Variable, Array], time: float
-) -> list[Measurement]:
-    """Return the measurements without own ones that have a wrong Jacobian; a warning names their class.
-
-    Those of each class are compared once, at these values of the variables; `is_right` keeps the results.
-    """
-    for one in measurements:
-        if isinstance(one, OwnMeasurement) and type(one) not in is_right:
-            wrong = _wrong_derivative(one, values)
-            is_right[type(one)] = not wrong
-            if wrong:
-                logger.warning("frame at %.3f s: %s; all of them are left out", time, wrong)
-    return [one for one in measurements if is_right.get(type(one), True)]
 
 
 def _wrong_derivative(measurement: OwnMeasurement, values: dict[Variable, Array]) -> str:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from palpate.graph.compiled import Array, Records, kernel
 from palpate.graph.measured import put_row
-from palpate.graph.se2_kernels import cauchy, cross, dot, position, wrap
+from palpate.graph.se2_kernels import cauchy, position, wrap
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, STEP_SIZE, column
 
 _G0, _E0, _G1, _E1 = 0, 3, STEP_SIZE, STEP_SIZE + 3  # columns
@@ -161,10 +161,10 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
         center, torque = _center(row, settings), c * c * math.exp(row.shared[_RATIO - _SHARED])
         motion, arm = _motion(before, now, center), now.touch.point - center
         lever = arm.conjugate()
-        error = cross(arm, motion.way) - torque * omega
+        error = (lever * motion.way).imag - torque * omega
         _put_by_poses(lever, motion, jacobian)
         for k in range(3):
-            jacobian[_G1 + k] += cross(now.touch.point_by_g[k], motion.way)
+            jacobian[_G1 + k] += (now.touch.point_by_g[k].conjugate() * motion.way).imag
         jacobian[_RATIO] = -torque * omega
         jacobian[_CENTER] = c * ((lever * motion.by_center).imag - motion.way.imag)
         jacobian[_CENTER + 1] = c * ((lever * motion.by_center).real + motion.way.real)
@@ -196,7 +196,7 @@ def friction_cone(before: Records, now: Records, row: Records, settings: Records
         jacobian[_G1 + k] += (edge * motion.way * -touch.normal_by_g[k].conjugate()).imag
     jacobian[_CENTER] = c * (lever * motion.by_center).imag
     jacobian[_CENTER + 1] = c * (lever * motion.by_center).real
-    jacobian[_GRIP] = dot(touch.normal, motion.way)
+    jacobian[_GRIP] = (touch.normal.conjugate() * motion.way).real
     outside = _beyond(force, math.atan(grip), noise.width) if now.spread == 0.0 else 0.0
     deviation = math.hypot(noise.still, noise.share * now.moved)
     return put_row(out, (lever * motion.way).imag, outside / deviation**2, noise.kernel)

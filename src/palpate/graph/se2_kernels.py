@@ -1,5 +1,7 @@
 """Planar rigid motion in compiled code. Vectors are complex numbers, so that `exp(i theta)` rotates them.
 
+The product of one's conjugate and another has their scalar product as real and their cross product as imaginary part.
+
 A pose is three numbers x [m], y [m], theta [rad] of an array; perturbations are on the right (body frame), in that
 order. Formulas: J. Sola et al., "A micro Lie theory for state estimation in robotics", 2018, with half angles, as in
 `geometry.se2`.
@@ -35,18 +37,6 @@ def rotation(theta: float) -> complex:
 def position(pose: Array) -> complex:
     """Return the position of a pose (3,) as a complex number [m]."""
     return complex(pose[0], pose[1])
-
-
-@kernel
-def cross(a: complex, b: complex) -> float:
-    """Return the cross product of planar vectors."""
-    return a.real * b.imag - a.imag * b.real
-
-
-@kernel
-def dot(a: complex, b: complex) -> float:
-    """Return the scalar product of planar vectors."""
-    return a.real * b.real + a.imag * b.imag
 
 
 @kernel

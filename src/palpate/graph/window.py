@@ -22,7 +22,7 @@ from palpate.graph.compiled import Array, Flags
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import ROW, STEP, TERM, TERM_SIZE, TURN, WORK, Step, terms_of
 from palpate.graph.gauss_newton import begin_step, improve
-from palpate.graph.own_measurements import evaluated
+from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
 from palpate.types.measurements import OwnMeasurement
 
@@ -42,6 +42,7 @@ class Window:
         lag: int = LAG,
         priors: Priors | None = None,
         sign: Array | None = None,
+        own: OwnMeasurements | None = None,
     ) -> None:
         """Begin with the first step of a contact and B beliefs about the object.
 
@@ -59,8 +60,8 @@ class Window:
         self._left = 0  # number of steps that have left the window
         self._left_costs = np.empty((len(belief), 0, 3))  # of steps that left the window
         self._terms, self._has_turn = np.empty((0, TERM_SIZE)), False
-        self._own: list[tuple[int, OwnMeasurement]] = []  # with their steps
-        self._time = step.times[-1]  # of the last step [s]
+        self._own = own or OwnMeasurements()
+        self._own.given, self._own.time = [], step.times[-1]
         self._join(*terms_of(step, 0))
         self._solve(np.ones(len(rows), np.bool_))
 
@@ -80,7 +81,7 @@ class Window:
         begun["spread"][:, 0] = spread
         self._steps = np.concatenate([_raw(self._steps), _raw(begun)], axis=1).view(STEP)
         begin_step(self._steps)
-        self._time = step.times[-1]
+        self._own.time = step.times[-1]
         self._join(terms, own)
         self._solve(np.ones(len(self.rows), np.bool_), is_new=True)
         return leaving
@@ -139,7 +140,7 @@ class Window:
 
     def _join(self, arrived: Array, own: list[tuple[int, OwnMeasurement]]) -> None:
         """Take the terms that arrive with the last step."""
-        self._own = [one for one in (*self._own, *own) if one[0] >= self._left]
+        self._own.given = [one for one in (*self._own.given, *own) if one[0] >= self._left]
         self._terms = terms = np.concatenate([self._terms, arrived])
         is_late = len(arrived) and arrived[0, 0] < self._left + self._steps.shape[1] - 1
         if is_late:  # that of a late measurement may have left the window
@@ -158,10 +159,10 @@ class Window:
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
         terms, steps, rows = self._terms.view(TERM)[:, 0], self._steps, self.rows
-        calls = _ITERATIONS if self._own else 1
+        calls = _ITERATIONS if self._own.given else 1
         for call in range(calls):
-            rows_of_own = evaluated(self._own, self._left, steps["g"], steps["e"], rows["shared"], self._time)
-            own, most = (np.array([step for step, _ in self._own], np.int64), rows_of_own), _ITERATIONS // calls
+            linear = self._own.evaluated(self._left, steps["g"], steps["e"], rows["shared"])
+            own, most = (np.array([step for step, _ in self._own.given], np.int64), linear), _ITERATIONS // calls
             is_first = is_new and call == 0
             improve(steps, self._left, rows, terms, own, self._given, changing, most, not is_new, is_first)
             if not changing.any():
