@@ -16,7 +16,7 @@ from palpate.graph.belief import Belief
 from palpate.graph.compiled import Array
 from palpate.graph.factors import timely
 from palpate.graph.own_measurements import OwnMeasurements
-from palpate.graph.variables import CONTACT_SIZE, IN_STEP, OBJECT_SIZE, SENSOR, STEP_SIZE
+from palpate.graph.variables import CONTACT_SIZE, OBJECT_SIZE, STEP_SIZE
 from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
 
 _ITERATIONS, _CONVERGED = 10, 1e-6  # [m], [rad]
@@ -88,5 +88,5 @@ def _linearised(poses: list[ObjectPose], own: OwnMeasurements, pose: Array, valu
     rows = own.evaluated(0, np.zeros((count, 1, 3)), pose[:, None], shared, at_rest=True)
     for row in rows.swapaxes(0, 1):
         residuals.append(row[..., 0])
-        jacobians.append(np.dstack([row[..., 1:][..., IN_STEP[SENSOR]], row[..., 1 + STEP_SIZE + CONTACT_SIZE :]]))
+        jacobians.append(np.dstack([row[..., STEP_SIZE - 2 : STEP_SIZE + 1], row[..., 1 + STEP_SIZE + CONTACT_SIZE :]]))
     return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1)

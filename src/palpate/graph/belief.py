@@ -1,7 +1,7 @@
 """Gaussian beliefs about the object, one a row: its pose and the variables that belong to it."""
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Self
 
 import numpy as np
 
@@ -13,18 +13,17 @@ from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE
 
 _DEPTH, _SIZE = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start
 Indices = Integers | Flags | list[int] | slice
-R = TypeVar("R", bound="RowArrays")
 
 
 class RowArrays:
     """Base of dataclasses whose fields all have one leading axis of rows, or are such dataclasses themselves."""
 
-    def take(self: R, rows: Indices) -> R:
+    def take(self, rows: Indices) -> Self:
         """Return these rows; a row may be taken several times."""
         every = vars(self).items()
         return type(self)(**{name: one[rows] if isinstance(one, np.ndarray) else one.take(rows) for name, one in every})
 
-    def joined(self: R, other: R) -> R:
+    def joined(self, other: Self) -> Self:
         """Return the rows of both, one after the other."""
         both = {}
         for name, one in vars(self).items():

@@ -8,7 +8,7 @@ variables. A new factor is a name here, with the terms of its measurements in `t
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -206,11 +206,11 @@ def terms_of(step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasure
 
 def make_factors(settings: NoiseSettings, model: ContactModel) -> NDArray[np.void]:
     """Return the input of kernels (1,): groups of settings, and friction radius and centre and span of the model."""
-    groups = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name != "priors"}
     parts: list[Any] = [("friction_radius", np.float64), ("friction_center", np.complex128), ("span", np.float64)]
     values: list[Any] = [model.friction_radius, model.friction_center, model.span]
-    for name, group in groups.items():
-        numbers = {one.name: getattr(group, one.name) for one in fields(group)}
+    for name, numbers in asdict(settings).items():
+        if name == "priors":
+            continue
         parts.append((name, [(key, np.float64, np.shape(number)) for key, number in numbers.items()]))
         # Without a kernel, its scale is infinite.
         values.append(tuple(math.inf if number is None else number for number in numbers.values()))

@@ -41,12 +41,13 @@ def of_step(kind: int, before: Records, now: Records, row: Records, settings: Re
 @kernel
 def of_term(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
     """Write the linearised rows of the term of a measurement and return their number."""
+    value = row.sign * term.value if term.from_touch == 1.0 else term.value
     if term.kind == factors.DIRECTION:
-        return measured.direction(now, row, term, settings, out)
+        return measured.direction(now, row, term, value, settings, out)
     if term.kind == factors.PLACE:
-        return measured.place(now, row, term, settings, out)
+        return measured.place(now, row, term, value, settings, out)
     if term.kind == factors.TURN:
-        return measured.turn(now, row, term, settings, out)
+        return measured.turn(now, row, term, value, settings, out)
     return measured.object_pose(now, term, out)
 
 

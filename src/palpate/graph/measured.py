@@ -35,12 +35,6 @@ def put_row(out: Records, error: float, inverse_variance: float, kernel: float) 
 
 
 @kernel
-def _measured(row: Records, term: Records) -> float:
-    """Return the measured value as this row of the window takes it."""
-    return row.sign * term.value if term.from_touch == 1.0 else term.value
-
-
-@kernel
 def _inverse_variance(term: Records, noise: Records) -> float:
     """Return the inverse variance of a measurement, which is no better than the contact model."""
     return 1.0 / (max(term.variance, noise.floor**2) * noise.share)
@@ -82,14 +76,14 @@ def contact(now: Records, row: Records, settings: Records, out: Records) -> int:
 
 
 @kernel
-def direction(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+def direction(now: Records, row: Records, term: Records, angle: float, settings: Records, out: Records) -> int:
     """Contact direction: touch measures the direction in which a round tip is touched.
 
     The true direction points from the tip's centre to the nearest outline point, opposite to the outward normal n
     there, seen in the sensor frame. The residual [rad] is the angle of `-n exp(i (bias - theta - (1 - scale) angle))`,
     in (-pi, pi]. It is absolute and does not drift: it determines yaw on a straight edge, and the place on a round one.
     """
-    touch, angle, jacobian = now.touch, _measured(row, term), out.jacobian[0]
+    touch, jacobian = now.touch, out.jacobian[0]
     bias, scale = row.shared[_BIAS - _SHARED], row.shared[_SCALE - _SHARED]
     off = -touch.normal * rotation(bias - (1.0 - scale) * angle - now.g[2])
     # The spline's gradient has length 1 except near the medial axis, where it may vanish.
@@ -103,7 +97,7 @@ def direction(now: Records, row: Records, term: Records, settings: Records, out:
 
 
 @kernel
-def place(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+def place(now: Records, row: Records, term: Records, y: float, settings: Records, out: Records) -> int:
     """Contact place: touch measures the position along y at which a flat pad is touched.
 
     The true place is that of the sensor's material point, the load-weighted mean over the pad's parts, so the residual
@@ -114,18 +108,18 @@ def place(now: Records, row: Records, term: Records, settings: Records, out: Rec
     for c in range(3):
         out.jacobian[0, _G + c] = touch.material_by_g[c].imag
     out.jacobian[0, _PLACE] = 1.0
-    error = touch.material.imag + row.shared[_PLACE - _SHARED] - _measured(row, term)
+    error = touch.material.imag + row.shared[_PLACE - _SHARED] - y
     return put_row(out, error, _inverse_variance(term, settings.place), settings.place.kernel)
 
 
 @kernel
-def turn(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+def turn(now: Records, row: Records, term: Records, angle: float, settings: Records, out: Records) -> int:
     """Turn: touch measures the sensor's yaw in the object frame, up to an offset that is constant within a contact.
 
     The residual [rad] is `theta - offset - angle`, wrapped to (-pi, pi], with theta the yaw of g.
     """
     out.jacobian[0, _G + 2], out.jacobian[0, _OFFSET] = 1.0, -1.0
-    error = wrap(now.g[2] - row.shared[_OFFSET - _SHARED] - _measured(row, term))
+    error = wrap(now.g[2] - row.shared[_OFFSET - _SHARED] - angle)
     return put_row(out, error, _inverse_variance(term, settings.turn), settings.turn.kernel)
 
 

@@ -121,7 +121,7 @@ def linearised(measurement: OwnMeasurement, values: dict[Variable, Array]) -> tu
         found = f"a residual of shape {residual.shape} and a Jacobian of shape {jacobian.shape}"
         wanted = f"(R,) and (R, {width}) with R at most {_ROWS}"
         raise EstimationError(f"measurement {name} returns {found}; they must be {wanted}")
-    if not ((np.abs(residual) < _LARGEST).all() and (np.abs(jacobian) < _LARGEST).all()):
+    if not (np.abs(np.column_stack([residual, jacobian])) < _LARGEST).all():
         raise EstimationError(f"measurement {name} returns a residual or Jacobian that is not finite")
     by_each = {one: np.zeros((len(residual), one.dimension)) for one in (SENSOR_IN_OBJECT, SENSOR, *SHARED)}
     ends = np.cumsum([one.dimension for one in variables])

@@ -74,8 +74,8 @@ def _places(variables: tuple[Variable, ...]) -> dict[Variable, slice]:
 OF_STEP, OF_CONTACT, OF_OBJECT = _of("step"), _of("contact"), _of("object")
 SHARED = OF_CONTACT + OF_OBJECT
 """Variables shared by all steps of a contact."""
-IN_STEP, IN_SHARED, IN_OBJECT = _places(OF_STEP), _places(SHARED), _places(OF_OBJECT)
-"""Places of a variable in the vector of a step, of the shared variables, and of the object's variables."""
+IN_SHARED, IN_OBJECT = _places(SHARED), _places(OF_OBJECT)
+"""Places of a variable in the vector of the shared variables, and of the object's variables."""
 STEP_SIZE, SHARED_SIZE, OBJECT_SIZE = (
     sum(variable.dimension for variable in variables) for variables in (OF_STEP, SHARED, OF_OBJECT)
 )
