@@ -8,7 +8,7 @@ import re
 import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -310,10 +310,7 @@ def shape_to_dict(shape: Shape) -> dict[str, Any]:
 
 def scaled(shape: Shape, scale: float) -> Shape:
     """Return the shape with every length times a scale; its origin stays where it is."""
-    lengths = shape_to_dict(shape)
-    kind = lengths.pop("type")
-    larger = {name: np.multiply(value, scale).tolist() for name, value in lengths.items()}
-    return shape_from_dict({"type": kind, **larger})
+    return replace(shape, **{name: np.multiply(value, scale).tolist() for name, value in asdict(shape).items()})
 
 
 def shape_from_dict(data: Mapping[str, Any]) -> Shape:

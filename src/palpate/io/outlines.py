@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST, METRES, is_near
-from palpate.errors import FileError, PalpateError, SettingError, ShapeError, one_line
-from palpate.files import column_name, existing_file, numbers_of, read_json, read_text, table_rows
+from palpate.errors import FileError, SettingError, ShapeError, one_line
+from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
 
 logger = logging.getLogger(__name__)
@@ -53,25 +53,24 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
             raise SettingError(f"unit is {unit!r}, but {name} is an object of a known size")
         return SHAPES[name]
     scale = None if unit is None else METRES[unit]
-    sides = numbers_of(name.split("x"))
+    sides = numbers_of(name.split("x")) or []
+    is_file = path.exists() or "/" in name or path.suffix[1:2].isalpha()
+    if len(sides) != 2 and not is_file:
+        raise SettingError(
+            f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m], or a file of "
+            "an outline"
+        )
     readers = {".svg": _read_svg, ".dxf": _read_dxf, ".json": _read_json}
-    try:
-        if sides and len(sides) == 2 and not path.exists():
+    with in_file(path):
+        if len(sides) == 2 and not path.exists():
             shape: Shape = Rectangle(sides[0] * (scale or 1.0), sides[1] * (scale or 1.0))
-        elif path.exists() or "/" in name or path.suffix[1:2].isalpha():
-            shape = readers.get(path.suffix.lower(), _read_table)(existing_file(path), scale)
         else:
-            raise SettingError(
-                f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m], or a file of "
-                "an outline"
-            )
+            shape = readers.get(path.suffix.lower(), _read_table)(existing_file(path), scale)
         if wrong := wrong_width(shape, unit):
             raise ShapeError(wrong + " unit= (--shape-unit) names it" * wrong.endswith("?"))
-        if shape.extent > 0.5:
-            words = "%s: the outline is %.3g m wide, much for an object that a fingertip pushes; is its unit right?"
-            logger.warning(words + " unit= (--shape-unit) names it", name, shape.extent)
-    except ShapeError as error:
-        raise FileError(f"{name}: {error}") from error
+    if shape.extent > 0.5:
+        words = "%s: the outline is %.3g m wide, much for an object that a fingertip pushes; is its unit right?"
+        logger.warning(words + " unit= (--shape-unit) names it", name, shape.extent)
     return shape
 
 
@@ -98,11 +97,7 @@ def _read_table(path: Path, scale: float | None) -> Shape:
 
 def _read_json(path: Path, scale: float | None) -> Shape:
     """Return the outline in {"vertices": [[x, y], ...]}, or a shape as palpate writes it."""
-    data = read_json(path)
-    try:
-        shape = shape_from_dict({"type": "polygon", **data})
-    except PalpateError as error:
-        raise ShapeError(str(error)) from error
+    shape = shape_from_dict({"type": "polygon", **read_json(path)})
     shape = shape if scale is None else scaled(shape, scale)
     return _of_few_corners(path, shape) if isinstance(shape, Polygon) else shape
 
@@ -126,7 +121,7 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
             shape.reify()
         lines = [_svg_points(svgelements.Path(part)) for shape in shapes for part in shape.as_subpaths()]
     except Exception as error:  # damaged bytes can raise anything in the library
-        raise FileError(f"{path}: is no SVG that can be read ({one_line(error)})") from error
+        raise FileError(f"is no SVG that can be read ({one_line(error)})") from error
     if scale is None:
         scale = _svg_unit(page)
     metres = scale / (abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0)
@@ -183,7 +178,7 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
     except ShapeError:
         raise
     except Exception as error:  # damaged bytes can raise anything in the library
-        raise FileError(f"{path}: is no DXF that can be read ({one_line(error)})") from error
+        raise FileError(f"is no DXF that can be read ({one_line(error)})") from error
     return _outline_of_lines(path, lines)
 
 
@@ -207,7 +202,7 @@ def _check_drawing(path: Path, library: str) -> None:
     if find_spec(library) is None:
         raise FileError(f"drawings are read by {library}, which is not installed: pip install palpate[outlines]")
     if (size := path.stat().st_size) > 5_000_000:  # the libraries take a thousand times the memory
-        raise FileError(f"{path}: is a drawing of {size / 1e6:.0f} MB, allowed are 5; a single outline needs far less")
+        raise FileError(f"is a drawing of {size / 1e6:.0f} MB, allowed are 5; a single outline needs far less")
 
 
 def _check_lines(lines: Sequence[Array]) -> None:

@@ -282,8 +282,17 @@ def _images(found: Contents, topic: str, choices: BagChoices) -> dict[int, bytes
 def _sent_images(found: Contents, topic: str, choices: BagChoices) -> Iterator[tuple[int, Any]]:
     """Yield the images of a topic, or of the table beside the bag, as messages with their times [ns]."""
     if choices.image_times is not None:
-        for time, path in _listed_images(choices.image_times, choices.images):
-            yield time, SimpleNamespace(format=path.name, data=existing_file(path).read_bytes())
+        table = Path(choices.image_times)
+        with in_file(table):
+            rows = read_table(table, ("time", "file"))
+            for line, (time, _) in rows:
+                if numbers_of([time]) is None:
+                    raise FileError(f"line {line}: time is {time!r}, expected seconds, or whole nanoseconds")
+            are_whole = all(time.isdecimal() for _, (time, _) in rows)
+            stamps = nanoseconds("time", [int(row[0]) if are_whole else float(row[0]) for _, row in rows], least=1e-3)
+        for stamp, (_, (_, name)) in zip(stamps.tolist(), rows, strict=True):
+            file = existing_file((choices.images or table.parent) / Path(name))
+            yield stamp, SimpleNamespace(format=name, data=file.read_bytes())
         return
     with suppress(CutShort):  # of which `contents` has warned
         for raw in bag_messages(found.path):
@@ -293,19 +302,3 @@ def _sent_images(found: Contents, topic: str, choices: BagChoices) -> Iterator[t
                     message = decoded(raw)
             if message is not None:
                 yield raw.log_time if choices.clock == "log" else stamp_of(message) or 0, message
-
-
-def _listed_images(table: Path | str, folder: str | None) -> list[tuple[int, Path]]:
-    """Return the times [ns] and paths of the images that a table lists, by default in its own folder."""
-    rows = read_table(table, ("time", "file"))
-    if not rows:
-        raise FileError(f"{table}: lists no images")
-    for line, (time, _) in rows:
-        if numbers_of([time]) is None:
-            raise FileError(f"{table}: line {line}: time is {time!r}, expected seconds, or whole nanoseconds")
-    are_whole = all(time.isdecimal() for _, (time, _) in rows)
-    times = np.array([int(time) if are_whole else float(time) for _, (time, _) in rows])
-    with in_file(table):
-        stamps = nanoseconds("time", times, least=1e-3).tolist()
-    where = Path(table).parent if folder is None else Path(folder)
-    return [(stamp, where / name) for stamp, (_, (_, name)) in zip(stamps, rows, strict=True)]

@@ -12,7 +12,18 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import LONGEST, NUMBERS, TURNS, as_array, check_metres, check_rows, checked_array, is_near
+from palpate.checks import (
+    FARTHEST,
+    LONGEST,
+    NUMBERS,
+    TURNS,
+    as_array,
+    check_metres,
+    check_rows,
+    checked_array,
+    checked_number,
+    is_near,
+)
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.images import camera_view
@@ -60,10 +71,9 @@ class Placement:
             object.__setattr__(self, "plane", tuple(normal.tolist()))
         elif not isinstance(self.plane, str) or self.plane != "fit":
             raise SettingError(f"plane is {self.plane!r}; allowed are fit, or three numbers: its normal")
-        length, shift = finite_numbers(self.off_plane, ()), finite_numbers(self.time_offset, ())
-        if length is None or not length > 0.0:
+        if checked_number(self.off_plane, 1e-9, FARTHEST) is None:
             raise SettingError(f"off_plane is {self.off_plane!r}; allowed is a length above 0 [m]")
-        if shift is None or abs(shift) > LONGEST:
+        if checked_number(self.time_offset, -LONGEST, LONGEST) is None:
             raise SettingError(
                 f"time_offset is {self.time_offset!r}; allowed are up to {LONGEST:g} s, forwards or backwards"
             )
