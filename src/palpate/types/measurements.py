@@ -87,7 +87,10 @@ class ObjectPose(Measurement):
         if pose is None or abs(pose[2]) > TURNS:
             question = "" if pose is None else " up to two turns: are these degrees?"
             found, allowed = f"is {self.pose}", f"three finite numbers x [m], y [m], theta [rad]{question}"
-        elif covariance is None or not _is_covariance(covariance):
+        elif covariance is None or not (  # with a tolerance for one of metres, which is small as a whole
+            np.allclose(covariance, covariance.T, atol=1e-6 * np.abs(np.diag(covariance)).min())
+            and (np.linalg.eigvalsh(covariance) > 1e-18).all()
+        ):
             found = f"has covariance {self.covariance}"
             allowed = "a symmetric and positive definite (3, 3), deviations above 1 nm"
         else:
@@ -165,8 +168,3 @@ def finite_number(given: object) -> float | None:
     numbers = finite_numbers(given, ())
     numbers = finite_numbers(given, (1,)) if numbers is None else numbers
     return None if numbers is None else numbers.item()
-
-
-def _is_covariance(given: Array) -> bool:
-    least = 1e-6 * np.abs(np.diag(given)).min()  # a covariance of metres is small as a whole
-    return np.allclose(given, given.T, atol=least) and bool((np.linalg.eigvalsh(given) > 1e-18).all())

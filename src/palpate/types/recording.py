@@ -151,7 +151,7 @@ class Recording:
           scaled down.
         - orientation: how images lie, as words with commas: 90, 180 or 270, the degrees counter-clockwise that make
           them upright, mirrored, and the order of channels, such as bgr.
-        - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it.
+        - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it, NaN if unknown.
         - sensor_T_gel: pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
           along the columns of an image. None if `poses` are the gel's own.
         - time_offset: added to the times of the images [s]: negative if they are stamped late.
