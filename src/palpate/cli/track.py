@@ -36,7 +36,7 @@ def track(
         mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
         html: Write a page that shows the push in any browser, page.html.
     """
-    from palpate.io.mcap_file import nanoseconds
+    from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import drawing
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
     from palpate.pipeline.track import track as track_recording

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.io.mcap_file import nanoseconds, new_mcap
-from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink
+from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink, nanoseconds, new_mcap
 from palpate.types.estimate import Answer, Answers, Estimate, Trajectory
 from palpate.types.space import Plane, spatial_covariance
 

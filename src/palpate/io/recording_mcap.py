@@ -18,8 +18,8 @@ import numpy as np
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
-from palpate.io.mcap_file import CutShort, MessageWriter, front_matter, is_mcap, mcap_messages, nanoseconds, new_mcap
-from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, decoded
+from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, MessageWriter, decoded, nanoseconds, new_mcap
+from palpate.io.rosbag_reader import CutShort, front_matter, is_mcap, mcap_messages
 from palpate.io.rosbag_recording import BagChoices, read_bag
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict

@@ -1,13 +1,17 @@
-"""ROS messages as plain numbers and bytes: the types that palpate reads and writes. ROS is not needed."""
+"""ROS messages as plain numbers and bytes: the types that palpate reads, and writes into MCAP. ROS is not needed."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
+from palpate.files import new_file, whole_file
 from palpate.types.images import codec_of, encode_image
 from palpate.types.space import Plane, out_of_plane
 
@@ -111,6 +115,64 @@ class MessageSink(ABC):
         """Take an encoded image, also a damaged one."""
         header, data = self.header(time, "sensor"), np.frombuffer(image, np.uint8)
         self.add(topic, COMPRESSED_IMAGE, time, header=header, format=codec_of(image) or "jpeg", data=data)
+
+
+class MessageWriter(MessageSink):
+    """Puts messages into an MCAP that is open."""
+
+    def __init__(self, writer: Any) -> None:
+        """Take the writer of `mcap`."""
+        self.writer = writer
+        self._channels: dict[str, int] = {}
+
+    def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
+        """Add a message that was recorded and sent at a time [ns]."""
+        store = ros_types("cdr")
+        if topic not in self._channels:
+            text = store.generate_msgdef(type_, ros_version=2)[0].encode()
+            schema = self.writer.register_schema(type_, "ros2msg", text)
+            self._channels[topic] = self.writer.register_channel(topic, "cdr", schema)
+        data = bytes(store.serialize_cdr(self.make(type_, **fields), type_))
+        self.writer.add_message(self._channels[topic], time, data, time)
+
+    def make(self, type_: str, **fields: Any) -> Any:
+        """Return a message, or a part of one."""
+        return ros_types("cdr").types[type_](**fields)
+
+
+@contextmanager
+def new_mcap(path: Path | str, overwrite: bool = False, growing: bool = False) -> Iterator[MessageWriter]:
+    """Open a new MCAP that is written whole or not at all; an existing one is replaced only if `overwrite`.
+
+    One that is `growing` is at its place from the start; all but its last few kB stay if the process is killed.
+    """
+    from mcap.writer import CompressionType, Writer
+
+    with nullcontext(new_file(path, overwrite)) if growing else whole_file(path, overwrite) as place:
+        try:
+            with place.open("wb") as file:
+                # Images are compressed already; data checksums find a damaged record anywhere.
+                writer = Writer(file, compression=CompressionType.NONE, use_chunking=not growing, enable_data_crcs=True)
+                writer.start(profile="ros2", library="palpate")
+                try:
+                    yield MessageWriter(writer)
+                finally:
+                    writer.finish()
+        except OSError as error:
+            raise FileError(f"{path}: cannot be written ({error})") from error
+
+
+def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
+    """Return times (N,) [s] as stamps [ns], counted from the first if that is below 0.
+
+    Raises FileError where ROS has no such stamp.
+    """
+    latest, time = 2.0**31, time - min(time[0], 0.0)
+    if len(wrong := np.flatnonzero((time < 0.0) | (time >= latest))):
+        found = f"frame {wrong[0]} is at {time[wrong[0]]:g} s"
+        raise FileError(f"{path}: {found}, stamps of ROS messages go from 0 to {latest:g} s")
+    whole = np.floor(time)
+    return (whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)).tolist()
 
 
 def decoded(raw: RawMessage, type_: str | None = None) -> Any:

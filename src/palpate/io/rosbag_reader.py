@@ -7,21 +7,92 @@ outline of the object, so `rosbag_recording.read_bag` makes a recording of one t
 import logging
 from array import array
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file, read_text
-from palpate.io.mcap_file import CutShort, begins_with, is_mcap, mcap_messages
 from palpate.io.ros_messages import BOOL, POSE_TYPES, TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.recording import Recording
 from palpate.types.space import Placed, Times, placed_at
 
+if TYPE_CHECKING:
+    from mcap.records import McapRecord
+
 logger = logging.getLogger(__name__)
+
+
+class CutShort(Exception):
+    """A file ends too early or is damaged from some place on; everything before that was read."""
+
+
+def begins_with(path: Path, first: bytes) -> bool:
+    """Return true if there is a file that begins with these bytes."""
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(first)) == first
+    return False
+
+
+def is_mcap(path: Path) -> bool:
+    """Return true if a file begins as an MCAP does."""
+    return begins_with(path, b"\x89MCAP0\r\n")
+
+
+def mcap_records(path: Path, chunks: bool = False) -> Iterator["McapRecord"]:
+    """Yield all records of an MCAP; those in chunks one by one, or whole `chunks`. Raises CutShort at the end."""
+    from mcap.stream_reader import StreamReader
+
+    with path.open("rb") as file:
+        # No record can be longer than the file, so a damaged length does not ask for memory.
+        limit = path.stat().st_size
+        try:
+            yield from StreamReader(file, emit_chunks=chunks, validate_crcs=True, record_size_limit=limit).records
+        except OSError as error:
+            raise FileError(f"{path}: cannot be read ({error.strerror})") from error
+        except Exception as error:  # damaged bytes can raise anything in lengths, texts and compressed data
+            words = f"{path}: is cut off or damaged after {file.tell()} bytes"
+            raise CutShort(f"{words}, as when its recorder was killed or still writes it") from error
+
+
+def mcap_messages(path: Path) -> Iterator[RawMessage]:
+    """Yield the messages of an MCAP in the order in which they were written. Raises CutShort."""
+    from mcap.records import Channel as ChannelRecord
+    from mcap.records import Message, Schema
+
+    types: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
+    for record in mcap_records(path):
+        if isinstance(record, Schema):
+            types[record.id] = record.name
+        elif isinstance(record, ChannelRecord):
+            type_ = types.get(record.schema_id, "")
+            if record.message_encoding == "ros1":
+                type_ = type_.replace("/", "/msg/")
+            channels[record.id] = Channel(record.topic, type_, record.message_encoding)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            yield RawMessage(channels[record.channel_id], record.log_time, record.data)
+
+
+def front_matter(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
+    """Return metadata and attachments, by name, that stand before the first message of an MCAP."""
+    from mcap.records import Attachment, Chunk, Message, Metadata
+
+    metadata: dict[str, dict[str, str]] = {}
+    attachments: dict[str, bytes] = {}
+    with suppress(CutShort):
+        for record in mcap_records(path, chunks=True):
+            if isinstance(record, Metadata):
+                metadata[record.name] = record.metadata
+            elif isinstance(record, Attachment):
+                attachments[record.name] = record.data
+            elif isinstance(record, Chunk | Message):
+                break
+    return metadata, attachments
 
 
 def is_bag(path: Path) -> bool:

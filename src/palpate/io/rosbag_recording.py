@@ -17,7 +17,6 @@ from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.from_arrays import nanoseconds, planar_recording
-from palpate.io.mcap_file import CutShort
 from palpate.io.ros_messages import (
     BOOL,
     IMAGE_TYPES,
@@ -27,7 +26,7 @@ from palpate.io.ros_messages import (
     image_of,
     stamp_of,
 )
-from palpate.io.rosbag_reader import Contents, PoseStream, Topic, bag_messages, contents
+from palpate.io.rosbag_reader import Contents, CutShort, PoseStream, Topic, bag_messages, contents
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import Placed, Placement, Plane, Times

@@ -144,14 +144,14 @@ class Recording:
         Frames are the images, with the sensor's pose interpolated between those before and after; a warning says how
         many are left out because no pose is known at their time. Times are seconds (floats) or nanoseconds (integers),
         all by one clock. Poses are rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) or 4x4 matrices, in one
-        frame of the world. Raises FileError or SettingError that names the argument.
+        frame of the world, NaN where unknown. Raises FileError or SettingError that names the argument.
 
         - image_time, images: times (N,), increasing, and arrays of uint8 (N, height, width, 3), RGB, encoded JPEG or
           PNG (bytes), or paths of files. Without images (None), `contact` is needed. Multiples of the sensor's size are
           scaled down.
         - orientation: how images lie, as words with commas: 90, 180 or 270, the degrees counter-clockwise that make
           them upright, mirrored, and the order of channels, such as bgr.
-        - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it, NaN if unknown.
+        - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it.
         - sensor_T_gel: pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
           along the columns of an image. None if `poses` are the gel's own.
         - time_offset: added to the times of the images [s]: negative if they are stamped late.

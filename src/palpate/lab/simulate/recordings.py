@@ -14,8 +14,8 @@ import numpy as np
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, shape_to_dict
-from palpate.io.mcap_file import CutShort, front_matter, mcap_messages
 from palpate.io.recording_mcap import METADATA, write_recording
+from palpate.io.rosbag_reader import CutShort, front_matter, mcap_messages
 from palpate.lab.parallel import held_folder, spread
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import kinds
