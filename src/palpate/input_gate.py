@@ -1,8 +1,6 @@
 """Input gate: refuses implausible frames and decides contact, before the estimator sees a frame."""
 
 import logging
-import math
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
-from palpate.stream_monitor import PoseMonitor, StreamQuality
+from palpate.stream_monitor import PoseMonitor
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.cells import is_dark, is_grey
@@ -34,7 +32,6 @@ from palpate.types.space import gel_pose
 
 logger = logging.getLogger(__name__)
 
-_PAUSE = 10  # intervals without a frame after which a contact is a new one
 _NEAR, _INSIDE = 3.0, 5e-3  # [standard deviations] and [m] of clearance: may touch, and touches for sure
 _DRAWN_BACK = 5e-3  # [m] by which a sensor in contact can draw back from its farthest point, since it cannot pull
 _FARTHEST_POSE = np.array([1e4, 1e4, FARTHEST])  # [m, m, rad]
@@ -43,9 +40,8 @@ _FARTHEST_POSE = np.array([1e4, 1e4, FARTHEST])  # [m, m, rad]
 class InputGate:
     """Checks the frames of one sensor: `check` returns one as it can be used, `accept` makes it the last one."""
 
-    def __init__(self, sensor: SensorProfile, calibration: Calibration | None, deviation: Sequence[float]) -> None:
-        """Take the standard deviations of the sensor's measured pose (3,) [m, m, rad]."""
-        self._rate, self._deviation = sensor.rate, math.hypot(*deviation[:2]) / math.sqrt(2.0)
+    def __init__(self, sensor: SensorProfile, calibration: Calibration | None) -> None:
+        self._rate = sensor.rate
         self._detector = ContactDetector(sensor, calibration)
         self._begin()
 
@@ -61,7 +57,7 @@ class InputGate:
         self._begin()
 
     def _begin(self) -> None:
-        self._poses, self._quality = PoseMonitor(self._rate), StreamQuality(self._rate, self._deviation)
+        self._poses = PoseMonitor(self._rate)
         self._may_show_touch = self._detector.background is None  # of the first images, taken as untouched
         self._has_touched = False
         self.last: Frame | None = None
@@ -108,8 +104,7 @@ class InputGate:
             contact = contact or touches_since_start
         elif reads_images and contact:
             raise FrameError(f"{when} has no image, and learnt touch needs one")
-        jumped = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
-        self.paused = last is not None and (jumped or frame.time - last.time > _PAUSE * self._quality.interval)
+        self.paused = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
         has_drawn_back = self._poses.drawn_back > _DRAWN_BACK
         unseen = max(self.hidden_motion, _DRAWN_BACK if has_drawn_back else 0.0)
         self.unobserved_push = self._poses.pushed if self.paused else unseen
@@ -143,8 +138,7 @@ class InputGate:
         """Make a checked frame the last one."""
         self.last, self.doubt = frame, self._detector.doubt
         self._has_touched = self._has_touched or bool(frame.contact)
-        in_contact = bool(frame.contact) and frame.image is not None and not self.paused
-        self.weakness = self._quality.add(frame.time, frame.sensor_pose, self._detector.light, in_contact)
+        self.weakness = self._poses.weakness(bool(frame.contact) and frame.image is not None and not self.paused)
 
     @property
     def background(self) -> Background | None:

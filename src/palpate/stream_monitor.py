@@ -1,4 +1,4 @@
-"""Plausibility of a stream's times and poses, and four sentences on its quality.
+"""Plausibility of a stream's times and poses, and sentences on its rate and its direction of pushing.
 
 A single outlier is refused. If the frames after it agree with it, the stream has really changed, as by a clock that was
 set, and is accepted.
@@ -31,9 +31,14 @@ _METRES = 10.0  # [m] from the origin, farther than most robots reach: coordinat
 _REPEATS, _SUDDEN, _HIDDEN = 4, 0.5, 2e-3
 _FIRST_STEP = 1e-3  # [m] after a standstill of 3 frames: 0.9 m/s^2 at 30 Hz, so the robot really stood
 
+_PAUSE = 10  # intervals without a frame after which a contact is a new one
+_LATELY = 15  # frames, half a second at 30 Hz
+_SLOW, _LONGEST = 1.5, 3.0  # nominal intervals, in the mean; a single gap counts no more than the latter
+_SIDEWAYS, _PUSHED = math.radians(70.0), 0.02  # angle of the push to the sensor's x axis, and its least length [m]
+
 
 class PoseMonitor:
-    """Refuses implausible times and poses, and detects poses that are frozen."""
+    """Refuses implausible times and poses, detects poses that are frozen, and names a weakness of the stream."""
 
     def __init__(self, rate: float) -> None:
         """Take the sensor's frame rate [Hz]."""
@@ -44,7 +49,9 @@ class PoseMonitor:
         self._stands_exactly = False  # this robot has stood at one exact pose and moved on from there
         self._elsewhere: list[tuple[float, Pose]] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
-        self._in_contact = False
+        self._in_contact = self._saw_touch = False
+        self._intervals: deque[float] = deque(maxlen=_LATELY)  # [s]
+        self._moved = self._pushed = 0j  # [m] in the sensor frame: since the frame before, and in contacts
         self.hidden = 0.0
         """Possible motion in a contact while the pose is frozen [m]."""
         self.pushed = 0.0
@@ -64,7 +71,7 @@ class PoseMonitor:
             )
 
     def check_pose(self, time: float, measured: Array, in_contact: bool) -> bool:
-        """Take a pose (3,) [m, m, rad], and return True if the sensor cannot have moved here within the same contact.
+        """Take a pose (3,) [m, m, rad]; return True if the sensor was not observed before, or cannot have moved here.
 
         Raises FrameError on a jump in a contact; between contacts it does no harm.
         """
@@ -82,18 +89,39 @@ class PoseMonitor:
         if jumps:
             self._refuse_unless_confirmed(time, pose, interval, last)
         is_elsewhere = jumps or (goes_on and self.hidden > 0.0 and not repeats)
+        is_late = interval > _PAUSE * max(1.0 / self._rate, median(self._intervals or (0.0,)))
+        if self._last is not None:
+            self._intervals.append(interval)
+        self._moved = complex(x - last[0], y - last[1]) * cmath.rect(1.0, -yaw)
         self._elsewhere, self._last, self._in_contact = [], (time, pose), in_contact
         if is_elsewhere or not (goes_on or (repeats and self._frozen(time))):
             self._different.clear()
             self.drawn_back = 0.0
         elif goes_on:
-            ahead = (x - last[0]) * math.cos(yaw) + (y - last[1]) * math.sin(yaw)
-            self.drawn_back = max(self.drawn_back - ahead, 0.0)
+            self.drawn_back = max(self.drawn_back - self._moved.real, 0.0)
         if not self._different or (goes_on and not repeats):
             self._different.append((time, pose))
         self._repeats = self._repeats + 1 if repeats and not is_elsewhere else 1
         self.hidden = self._frozen(time) if in_contact else 0.0
-        return is_elsewhere
+        return is_elsewhere or is_late
+
+    def weakness(self, sees_touch: bool) -> str:
+        """Return a sentence on the rate or the direction of pushing, if it makes the estimate worse; else "".
+
+        Contact without an image does not count, as a tip may be round and its frame lie anyhow.
+        """
+        self._pushed += self._moved if sees_touch and self._saw_touch else 0.0
+        self._saw_touch = sees_touch
+        relative = [min(each * self._rate, _LONGEST) for each in self._intervals]
+        if sum(relative) >= max(_LATELY, _SLOW * len(relative)):
+            rate = len(self._intervals) / sum(self._intervals)
+            advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
+            return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
+        angle = cmath.phase(self._pushed)
+        if abs(self._pushed) < _PUSHED or abs(angle) < _SIDEWAYS:
+            return ""
+        axis = ("+x", "+y", "-x", "-y")[round(angle / (0.5 * math.pi)) % 4]
+        return f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push"
 
     def _speed(self, count: int) -> float:
         """Return the mean speed [m/s] over the last different poses."""
@@ -151,93 +179,3 @@ def _is_within(one: Pose, other: Pose, rate: tuple[float, float], factor: float)
     """Return True if poses are as near as a motion of this rate times a factor lets them be, and errors of poses."""
     step, turn = _apart(one, other)
     return step <= _ERROR[0] + rate[0] * factor and turn <= _ERROR[1] + rate[1] * factor
-
-
-_LATELY = 15  # frames, half a second at 30 Hz
-_SLOW, _LONGEST = 1.5, 3.0  # nominal intervals, in the mean; a single gap counts no more than the latter
-_NOISY, _RAYLEIGH_MEDIAN = 3.0, 1.1774  # stated deviations; median length of a vector of two standard normal numbers
-_OTHER_LIGHT = 0.25  # relative change of brightness; presses on real gels change it by 0.03
-_SIDEWAYS, _PUSHED = math.radians(70.0), 0.02  # angle of the push to the sensor's x axis, and its least length [m]
-
-
-class StreamQuality:
-    """Four sentences, on a stream whose rate, pose noise, light or direction of pushing makes the estimate worse."""
-
-    def __init__(self, rate: float, deviation: float) -> None:
-        """Take the nominal rate [Hz] and the standard deviation of x and y of the sensor [m]."""
-        self._rate, self._deviation = rate, deviation
-        self._intervals: deque[float] = deque(maxlen=_LATELY)  # [s]
-        self._last: deque[tuple[float, complex]] = deque(maxlen=4)  # time [s] and position [m]
-        self._noise: deque[float] = deque(maxlen=_LATELY)  # [m]
-        self._in_contact = False
-        self._pushed = 0j  # [m] motion in contact, sensor frame
-        self._median = 1.0 / rate  # of the last intervals [s]
-
-    @property
-    def interval(self) -> float:
-        """Median of the last intervals [s], at least the nominal one."""
-        return max(1.0 / self._rate, self._median)
-
-    def add(self, time: float, pose: Array, light: Array, in_contact: bool) -> str:
-        """Take a frame's time [s], pose (3,), relative brightness of each channel (3,) and contact as the image shows.
-
-        Returns the first sentence that applies, empty if all is well. Contact without an image does not count, as a tip
-        may be round and its frame lie anyhow.
-        """
-        x, y, theta = pose.tolist()
-        if self._last:
-            before, place = self._last[-1]
-            self._intervals.append(time - before)
-            self._median = median(self._intervals)
-            if in_contact and self._in_contact:
-                self._pushed += (complex(x, y) - place) * cmath.rect(1.0, -theta)
-        self._last.append((time, complex(x, y)))
-        self._in_contact = in_contact
-        if len(self._last) == 4:
-            self._noise.append(_off_parabola(*self._last))
-        return self._of_rate() or self._of_noise() or _of_light(light) or self._of_direction()
-
-    def _of_rate(self) -> str:
-        relative = [min(each * self._rate, _LONGEST) for each in self._intervals]
-        if sum(relative) >= max(_LATELY, _SLOW * len(relative)):
-            rate = len(self._intervals) / sum(self._intervals)
-            advice = other_time_unit(1.0 / rate, self._rate) or "the pose is known less well"
-            return f"frames come {rate:.2g} times a second and not {self._rate:g} times; {advice}"
-        return ""
-
-    def _of_noise(self) -> str:
-        noise = median(self._noise) / _RAYLEIGH_MEDIAN if len(self._noise) == _LATELY else 0.0
-        if noise < _NOISY * self._deviation:
-            return ""
-        stated = f"the {1e3 * self._deviation:.2g} mm of sensor_pose.deviation"
-        return f"the sensor's position has noise of {1e3 * noise:.2g} mm, more than {stated}"
-
-    def _of_direction(self) -> str:
-        angle = cmath.phase(self._pushed)
-        if abs(self._pushed) < _PUSHED or abs(angle) < _SIDEWAYS:
-            return ""
-        axis = ("+x", "+y", "-x", "-y")[round(angle / (0.5 * math.pi)) % 4]
-        return f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push"
-
-
-def _of_light(light: Array) -> str:
-    red, green, blue = light.tolist()
-    if max(abs(red - 1.0), abs(green - 1.0), abs(blue - 1.0)) < _OTHER_LIGHT:
-        return ""
-    percent = f"{100.0 * red:.0f}, {100.0 * green:.0f} and {100.0 * blue:.0f} %"
-    return f"red, green and blue light are at {percent} of the untouched gel's"
-
-
-def _off_parabola(*last: tuple[float, complex]) -> float:
-    """Return the distance of the last of four positions from the parabola through the others [m], at their times.
-
-    It is divided by the factor by which the parabola amplifies noise.
-    """
-    (a, _), (b, _), (c, _), (d, place) = last
-    weights = (
-        (d - b) * (d - c) / ((a - b) * (a - c)),
-        (d - a) * (d - c) / ((b - a) * (b - c)),
-        (d - a) * (d - b) / ((c - a) * (c - b)),
-    )
-    expected = sum(weight * one for weight, (_, one) in zip(weights, last, strict=False))
-    return abs(place - expected) / math.hypot(1.0, *weights)

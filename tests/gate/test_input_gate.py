@@ -168,14 +168,6 @@ def test_pushing_sideways_is_named(degrees, axis):
     assert not any("of its own frame" in estimate.reason for estimate in found[:15])
 
 
-def test_another_light_is_named_while_it_lasts():
-    rng, tracker = np.random.default_rng(3), new_tracker(SMALL_DIGIT)
-    for frame in range(30):
-        seen(tracker, frame, at(-50), rng)
-    assert "red, green and blue light are at 60, 60 and 60 %" in seen(tracker, 30, at(-50), rng, light=0.6).reason
-    assert seen(tracker, 31, at(-50), rng).reason == ""
-
-
 def reasons(times: np.ndarray, noise: float = 0.0) -> list[str]:
     """Return the reasons at these times [s] for a sensor that moves freely, its position with noise [m]."""
     rng, tracker = np.random.default_rng(4), new_tracker()
@@ -206,10 +198,3 @@ def test_a_rate_that_is_too_low_is_named(rate, sentence):
 
 def test_times_in_milliseconds_are_asked_about():
     assert reasons(1e3 * np.arange(20) / RATE)[-1].endswith("and not 30 times; are these milliseconds?")
-
-
-def test_noise_of_positions_is_named_with_its_size():
-    times = np.delete(np.arange(300), np.arange(0, 300, 7)) / RATE
-    found = [reason for reason in reasons(times, 5e-4) if reason]
-    assert len(found) > 0.9 * (len(times) - 18)
-    assert np.median([float(each.split("noise of ")[1].split()[0]) for each in found]) == pytest.approx(0.5, rel=0.15)

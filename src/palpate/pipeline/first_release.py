@@ -51,7 +51,7 @@ def first_release(recording: Recording) -> int | None:
     seen = np.sum(~unlike, axis=1)
     # Neither black nor moving. The least differences in plainness, to others and to the first half second, are of
     # recorded pushes.
-    steady = [not any(is_dark(one) or compare(one, look[0], UNLIKE)[0] > START for one in look) for look in looks]
+    steady = [not any(is_dark(one) or compare(one, look[0], UNLIKE) > START for one in look) for look in looks]
     may_be = (plainer > 0.15) & (than_each[:, 0] > 0.45) & (seen >= 2) & steady
     if not may_be.any():
         return None
@@ -69,7 +69,7 @@ def _looks(recording: Recording, start: int, length: int) -> list[Levels]:
 
 
 def _is_unlike(cells: Levels, others: Levels) -> bool:
-    return compare(cells, others, np.float32(4.0))[0] > START  # [grey levels] between cells
+    return compare(cells, others, np.float32(4.0)) > START  # [grey levels] between cells
 
 
 def _plainer(moments: Levels) -> Array:

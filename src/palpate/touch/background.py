@@ -99,7 +99,7 @@ def _are_alike(image: Image, other: Image) -> bool:
         return False
     cells, before = cells_of(image), cells_of(other)
     change, level = np.abs(cells - before).mean(axis=(0, 1)), before.mean(axis=(0, 1))
-    moves = compare(cells, before, UNLIKE)[0] > 0.01
+    moves = compare(cells, before, UNLIKE) > 0.01
     return not moves and bool((change < 2.0 + 0.2 * level).all())  # lamps flicker by less
 
 

@@ -91,8 +91,8 @@ def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
     return out
 
 
-def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> tuple[float, Light]:
-    """Return the share of values of cells (rows, columns, 3) that are off the untouched gel's in this light, and it.
+def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
+    """Return the share of values of cells (rows, columns, 3) that are off the untouched gel's in their light.
 
     The light relative to the untouched gel's is a plane over the image, fitted robustly to each channel, so a touch of
     less than half of the pad does not matter.
@@ -100,7 +100,7 @@ def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) ->
     light = _planes(cells, untouched)
     lit = np.empty(untouched.shape, np.float32)
     _put_lit(untouched, light, lit)
-    return np.count_nonzero(np.abs(cells - lit) > tolerance) / cells.size, light
+    return np.count_nonzero(np.abs(cells - lit) > tolerance) / cells.size
 
 
 def change_in_light(image: Levels, untouched: Levels, columns: int) -> Levels:

@@ -11,7 +11,6 @@ from palpate.touch.cells import (
     SPARSE,
     Image,
     Levels,
-    Light,
     area_means,
     cells_of,
     check_image,
@@ -63,8 +62,6 @@ class ContactDetector:
         """The untouched gel as known now; None while the first images are collected."""
         self.share = 0.0
         """Share of the last image's values that differ significantly from the untouched gel, 0 to 1."""
-        self.light = np.ones(3)
-        """Brightness of each channel in the middle of the last image, relative to the untouched gel."""
         self.sees_new_view = False
         """True if the images refused last are steady for half a second, as of a camera that was set up late."""
         self._size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
@@ -120,10 +117,10 @@ class ContactDetector:
                 self._is_view_checked = True
             return False
         cells = cells_of(image)
-        share, light = self._significant_share(image, cells)
+        share = self._significant_share(image, cells)
         self._check_gel(image, cells, share)
         self._check_not_repeated(image)
-        self.share, self.light = share, light[:, 0]
+        self.share = share
         self._touched = share > (END if self._touched else START)
         if not self._touched:
             self._doubted = ""
@@ -144,18 +141,18 @@ class ContactDetector:
         self._is_grey = is_grey(background.mean)
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
 
-    def _significant_share(self, image: Image, cells: Levels) -> tuple[float, Light]:
-        share, light = compare(cells, self._cells, self._tolerance)
+    def _significant_share(self, image: Image, cells: Levels) -> float:
+        share = compare(cells, self._cells, self._tolerance)
         is_other_camera_mode = self._is_grey and _colour(cells) > 10.0  # more than noise makes
         if is_other_camera_mode or (is_flat(cells) and not is_flat(self._cells)):
-            return 1.0, light
+            return 1.0
         if share <= END or share > _MOST_SCRATCHED:
-            return share, light
+            return share
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
             self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
-        wide, _ = compare(wide_cells_of(image), self._wide_cells, self._tolerance)
-        return (wide if wide < _THIN * share else share), light
+        wide = compare(wide_cells_of(image), self._wide_cells, self._tolerance)
+        return wide if wide < _THIN * share else share
 
     def _check_gel(self, image: Image, cells: Levels, share: float) -> None:
         """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""
