@@ -72,14 +72,16 @@ def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[s
     model, mean = shipped_model(DIGIT.name), reduced(calibration.background.mean)
     looks = [model.read(difference_in_light(calibration.view.of(image), mean)) for image in images]
     factor = angle_factor(model, calibrated(DIGIT, calibration))
-    direction, variance = np.array([look.direction for look in looks]).T
+    direction, variance = np.array([look["direction"] for look in looks]).T
     direction = (factor * direction - calibration.direction.offset) / calibration.direction.scale
     error = direction - true
     slope, intercept = np.polyfit(true, direction, 1)
     inside = coverage(
         error, (factor / calibration.direction.scale) ** 2 * variance * model.settings.spread["direction"].scale
     )
-    turns = changes(np.array([look.turn[0] for look in looks if look.turn])) * factor / calibration.direction.scale
+    turns = (
+        changes(np.array([look["turn"][0] for look in looks if "turn" in look])) * factor / calibration.direction.scale
+    )
     return {
         "n": len(images),
         "correlation": float(np.corrcoef(true, direction)[0, 1]),

@@ -24,7 +24,7 @@ from palpate.graph.variables import LAG
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection
-from palpate.touch.pipeline import ReplayedTouch, Touch, TouchReader
+from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.types.estimate import Estimate, Trajectory
 from palpate.types.measurements import (
@@ -75,12 +75,12 @@ class Tracker:
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up()
         self._sensor, self._settings = sensor, settings
-        self._gate = InputGate(sensor, calibration, settings.noise.sensor_pose.deviation)
+        self._gate = InputGate(sensor, calibration)
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
-        is_own, correction = self._is_touch_given, calibration.direction if calibration else UNCORRECTED
-        if isinstance(touch, ReplayedTouch):
-            is_own, correction = False, touch.correction
+        replayed = getattr(touch, "correction", None)  # in measurements that were read from images before
+        is_own = self._is_touch_given and replayed is None
+        correction = replayed or (calibration.direction if calibration else UNCORRECTED)
         pitch_sigma = 0.0 if is_own else sensor.pixel_pitch_sigma
         self._bank = HypothesisBank(
             contact_model(shape, sensor),

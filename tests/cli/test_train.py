@@ -56,7 +56,7 @@ def test_fine_tuning_starts_from_a_model(trained, recordings, tmp_path, run_palp
     assert code == 3 and "left out: " in err and json.loads(said)["scores"] == results(out)["scores"]
     assert results(out)["frames"] == 720
     seen = np.random.default_rng(0).normal(0.0, 0.5, (32, 128, 3)).astype(np.float32)
-    before, after = (palpate.TouchModel(folder).read(seen).direction for folder in (trained, out))
+    before, after = (palpate.TouchModel(folder).read(seen)["direction"] for folder in (trained, out))
     assert before != after and before == pytest.approx(after, abs=0.1)
 
 

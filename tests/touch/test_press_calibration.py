@@ -62,7 +62,7 @@ class Reader:
         change = np.maximum(np.abs(difference).sum(axis=(0, 2)) - 2.0, 0.0)
         right = ((np.arange(128) + 0.5) / 128.0 - 0.5) @ change / change.sum()
         angle = np.arcsin(right * 2.0 * 0.0092 / 0.021)
-        return SimpleNamespace(direction=(self.offset + self.scale * angle, np.radians(0.5) ** 2))
+        return {"direction": (self.offset + self.scale * angle, np.radians(0.5) ** 2)}
 
 
 def learn(presses: Presses, untouched: Array, model: Any = None) -> PressFit:

@@ -20,8 +20,8 @@ from palpate.touch.touch_model import (
     ROWS,
     SHIPPED,
     SHIPPED_OF,
+    Reading,
     Spread,
-    TouchReading,
     fingerprint,
     reduced,
     shipped_model,
@@ -140,10 +140,10 @@ class StandIn(TouchModel):
         settings: Any = SimpleNamespace(sensor="DIGIT", image_height=320, image_width=240, spread=spread)
         self.settings = settings
 
-    def read(self, difference: Any) -> TouchReading:
-        level, outputs = 0.32 * float(difference[SEEN].mean()), self.settings.spread
-        turn = (2.0 * level, 0.02) if "turn" in outputs else None
-        return TouchReading((level, 0.01), turn, (3.0 * level, 0.03) if "place" in outputs else None)
+    def read(self, difference: Any) -> Reading:
+        level = 0.32 * float(difference[SEEN].mean())
+        everything = {"direction": (level, 0.01), "turn": (2.0 * level, 0.02), "place": (3.0 * level, 0.03)}
+        return {name: everything[name] for name in self.settings.spread}
 
 
 WIDE = replace(palpate.DIGIT, pixel_pitch=7.59535e-5)  # whose directions are what a model reads
@@ -261,8 +261,7 @@ def mini_readings(shape: Any, front: float, tilt: float, y: float, depth: float)
         image = render(unit, shape, pose, depth)
         bare = render(unit, shape, np.array([front - 0.05, 0.0, 0.0]), 0.0)
         reading = shipped_model(unit.profile.name).read(difference(image, reduced(bare)))
-        assert reading.place
-        found.append((reading.direction[0], reading.place[0]))
+        found.append((reading["direction"][0], reading["place"][0]))
     direction, place = np.mean(found, axis=0)
     return direction, place
 

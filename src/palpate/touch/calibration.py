@@ -1,6 +1,5 @@
 """Calibration of one sensor unit: its untouched gel, camera view and errors of directions, in a file (`.npz`)."""
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.checks import FLAGS, NUMBERS, checked_array
 from palpate.errors import FileError, SettingError
-from palpate.files import existing_file, read_arrays, whole_file
+from palpate.files import existing_file, in_file, read_arrays, whole_file
 from palpate.touch.background import Background
 from palpate.touch.cells import Levels
 from palpate.types.images import AS_IT_IS, CameraView
@@ -96,17 +95,6 @@ class Calibration:
     is_sure: bool = False
     """It comes from the stream that it is used for. Others are doubted until an image looks like the untouched gel."""
 
-    @property
-    def hash(self) -> str:
-        """Hash of its content."""
-        gel = self.background
-        digest = hashlib.sha256(
-            repr((gel.mean.shape, self.view, self.direction, self.is_view_known, self.pixel_pitch)).encode()
-        )
-        for levels in (gel.mean, gel.deviation, gel.noise):
-            digest.update(levels.tobytes())
-        return digest.hexdigest()
-
 
 def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
     """Return the sensor with the size of its images before the calibration's rotation."""
@@ -158,27 +146,34 @@ def load_calibration(path: Path | str) -> Calibration:
     """Read a file of `write_calibration` without running code; raises FileError on anything else."""
     path = existing_file(path)
     arrays = read_arrays(path)
-    try:
+    with in_file(path):
+        names = ("version", "mean", "deviation", "noise", "view", "view_known", "direction", "pixel_pitch")
+        if missing := [name for name in names if name not in arrays]:
+            raise FileError(f"is no calibration of palpate calibrate, {missing[0]!r} is missing")
         version = int(checked_array("version", arrays["version"], NUMBERS, ()))
         if version != VERSION:
             raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
         mean = _levels("mean", arrays["mean"], ("N", "N", 3))
         background = Background(mean, _levels("deviation", arrays["deviation"], mean.shape))
         background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
-        turns, mirrored, *channels = checked_array("view", arrays["view"], NUMBERS, (5,)).tolist()
-        if turns not in range(4) or mirrored not in (0, 1) or sorted(channels) != [0, 1, 2]:
-            found = arrays["view"].tolist()
-            raise FileError(f"view: found {found}, expected quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2")
+
+        def numbers(name: str, count: int) -> list[float]:
+            return checked_array(name, arrays[name], NUMBERS, (count,)).astype(float).tolist()
+
+        turns, mirrored, *channels = numbers("view", 5)
+        offset, scale, *sigmas = numbers("direction", 4)
+        pitch, pitch_sigma = numbers("pixel_pitch", 2)
+        is_view = turns in range(4) and mirrored in (0, 1) and sorted(channels) == [0, 1, 2]
+        is_direction = np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)
+        is_pitch = (np.isnan(pitch) or 0.0 < pitch < 1.0) and 0.0 <= pitch_sigma <= 0.5
+        for name, is_right, allowed in (
+            ("view", is_view, "quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2"),
+            ("direction", is_direction, "an offset, a scale above 0 and sigmas above 0"),
+            ("pixel_pitch", is_pitch, "a length [m] and a sigma from 0 to 0.5"),
+        ):
+            if not is_right:
+                raise FileError(f"{name}: found {arrays[name].tolist()}, expected {allowed}")
         red, green, blue = map(int, channels)
-        offset, scale, *sigmas = checked_array("direction", arrays["direction"], NUMBERS, (4,)).astype(float).tolist()
-        if not (np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)):
-            found = arrays["direction"].tolist()
-            raise FileError(f"direction: found {found}, expected an offset, a scale above 0 and sigmas above 0")
-        pitch, pitch_sigma = checked_array("pixel_pitch", arrays["pixel_pitch"], NUMBERS, (2,)).astype(float).tolist()
-        if not (np.isnan(pitch) or 0.0 < pitch < 1.0) or not 0.0 <= pitch_sigma <= 0.5:
-            raise FileError(
-                f"pixel_pitch: found {[pitch, pitch_sigma]}, expected a length [m] and a sigma from 0 to 0.5"
-            )
         return Calibration(
             background,
             CameraView(int(turns), bool(mirrored), (red, green, blue)),
@@ -188,10 +183,6 @@ def load_calibration(path: Path | str) -> Calibration:
             is_view_known=bool(checked_array("view_known", arrays["view_known"], FLAGS, ())),
             file=path,
         )
-    except KeyError as error:
-        raise FileError(f"{path}: is no calibration of palpate calibrate, {error} is missing") from error
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from error
 
 
 def _levels(name: str, value: NDArray[Any], shape: tuple[int | str, ...]) -> Levels:

@@ -11,7 +11,7 @@ from palpate.config import Tactile, TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
-from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, calibrated
+from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import Image, is_grey
 from palpate.touch.touch_model import COLUMNS, ROWS, TouchModel, difference_in_light, reduced, shipped_model
 from palpate.types.measurements import ContactDirection, ContactPlace, Frame, Measurement, Turn
@@ -33,27 +33,6 @@ class Touch(Protocol):
     def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
         ...
-
-
-class ReplayedTouch:
-    """Measurements that were read from images before, by the times of their frames."""
-
-    def __init__(
-        self,
-        time: NDArray[np.float64],
-        measurements: Sequence[Sequence[Measurement]],
-        correction: DirectionCorrection = UNCORRECTED,
-    ) -> None:
-        """Take the times (N,) [s], the measurements of each, and the correction of directions that is in them."""
-        self.correction = correction
-        self._measurements = dict(zip(time.tolist(), measurements, strict=True))
-
-    def measure(self, frame: Frame) -> Sequence[Measurement]:
-        """Return the measurements recorded at the time of a frame."""
-        return self._measurements[frame.time]
-
-    def end_contact(self) -> None:
-        """Do nothing: the measurements hold whatever a contact changes."""
 
 
 class TouchReader:
@@ -127,13 +106,13 @@ class TouchReader:
         scale = self._correction.scale / self._on_gel
         found: list[Measurement] = []
         if self.tactile in MEASURE_DIRECTION:
-            angle, variance = reading.direction
+            angle, variance = reading["direction"]
             found.append(ContactDirection((angle - offset) / scale, variance * factors["direction"] / scale**2))
-            if reading.place is not None:
-                place, variance = reading.place
+            if "place" in reading:
+                place, variance = reading["place"]
                 found.append(ContactPlace(place, variance * factors["place"]))
-        if self.tactile in MEASURE_TURN and reading.turn is not None:
-            angle, variance = reading.turn
+        if self.tactile in MEASURE_TURN and "turn" in reading:
+            angle, variance = reading["turn"]
             found.append(Turn(angle / scale, variance * factors["turn"] / scale**2))
         return found
 

@@ -39,8 +39,6 @@ from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
 
-NEEDED = 30
-"""Frames without contact that a calibration needs: from one second a deviation is known to 13 %."""
 MARGIN = 2
 """Frames beside a contact that are left out, as in the paper: flags may be late, and gel takes its time."""
 FEWEST = 5  # presses that show a line and its scatter
@@ -55,26 +53,16 @@ _ALIKE = 0.4  # correlation of two imprints; simulated ones have 0.5 or more, an
 _RULER = 0.04, 1e-4  # errors of a distance of imprints: as a share, from their flanks, and [m]
 
 
-def untouched_frames(recording: Recording) -> NDArray[np.int64]:
-    """Return the indices of the frames more than MARGIN frames away from a contact; without flags, all."""
-    if recording.contact is None:
-        return np.arange(len(recording))
-    near = np.convolve(recording.contact, np.ones(2 * MARGIN + 1))[MARGIN:-MARGIN]  # contacts within the margin
-    return np.flatnonzero(near < 0.5)
-
-
 def untouched_images(recording: Recording) -> Iterator[Image]:
-    """Yield the images of a recording's frames without contact.
+    """Yield the images of a recording more than MARGIN frames away from a contact; without flags, all.
 
-    Raises FileError without images, with fewer than NEEDED such frames, or if a touch that begins or ends shows.
+    Raises FileError if there are none, or if a touch that begins or ends shows.
     """
     name = recording.file or "recording"
-    if recording.image is None:
-        raise FileError(f"{name}: has no images, a calibration needs touch images")
-    frames = untouched_frames(recording)
-    if len(frames) < NEEDED:
-        found = f"found {len(frames)} frames more than {MARGIN} away from a contact"
-        raise FileError(f"{name}: {found}, a calibration needs {NEEDED}")
+    flags = np.zeros(len(recording)) if recording.contact is None else recording.contact
+    frames = np.flatnonzero(np.convolve(flags, np.ones(2 * MARGIN + 1))[MARGIN:-MARGIN] < 0.5)  # contacts within it
+    if recording.image is None or not len(frames):
+        raise FileError(f"{name}: has no images more than {MARGIN} frames from a contact, as a calibration needs")
     detector = ContactDetector(recording.sensor)
     for index in frames.tolist():
         image = recording[index].image
@@ -87,22 +75,13 @@ def untouched_images(recording: Recording) -> Iterator[Image]:
         yield image
 
 
-@dataclass(frozen=True, eq=False)
-class Ruler:
-    """Two edges or balls of one kind, pressed in side by side along the image's columns."""
-
-    image: Image
-    """(height, width, 3) RGB."""
-    length: float
-    """Distance of the two imprints on the gel [m]."""
-
-
-def with_ruler(calibration: Calibration, ruler: Ruler, sensor: SensorProfile) -> Calibration:
+def with_ruler(calibration: Calibration, image: Image, length: float, sensor: SensorProfile) -> Calibration:
     """Return a calibration with the pixel pitch that an image of a ruler, in the profile's view, shows.
 
-    Raises FileError where it does not show two imprints.
+    A ruler is two edges or balls of one kind, pressed in side by side along the image's columns, `length` [m] apart on
+    the gel. Raises FileError where the image does not show two imprints.
     """
-    image, untouched, length = ruler.image, calibration.background, ruler.length
+    untouched = calibration.background
     if sensor.pixel_pitch is None:
         raise FileError(f"a ruler measures images of a pad, and {sensor.name!r} has none")
     rows, columns = max(image.shape[0] // 10, 1), image.shape[1]
@@ -223,12 +202,12 @@ def learn_from_presses(
     untouched: Sequence[Image],
     sensor: SensorProfile,
     model: TouchModel,
-    ruler: Ruler | None = None,
+    ruler: tuple[Image, float] | None = None,
 ) -> PressFit:
     """Return the calibration by presses, given one or more images of the untouched gel as the camera gives them.
 
     Raises FileError if presses are too few, too close together, show no touch or do not lie on a line, or if images
-    have another size than the profile's. Presses in order need a round gel.
+    have another size than the profile's. Presses in order need a round gel. `ruler` is that of `with_ruler`.
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
@@ -290,16 +269,16 @@ def _fit(
     untouched: Sequence[Image],
     sensor: SensorProfile,
     model: TouchModel,
-    ruler: Ruler | None,
+    ruler: tuple[Image, float] | None,
 ) -> tuple[float, PressFit]:
     """Return the log likelihood of the presses in a view, and the calibration that follows."""
     background, is_measured = background_of(view.of(image) for image in untouched), np.isfinite(presses.angle).all()
     calibration = Calibration(background, view, is_view_known=True)
     if ruler is not None:
-        calibration = with_ruler(calibration, replace(ruler, image=view.of(ruler.image)), sensor)
+        calibration = with_ruler(calibration, view.of(ruler[0]), ruler[1], sensor)
     unit, mean = calibrated(sensor, calibration), reduced(background.mean)
     seen = [difference_in_light(view.of(image), mean) for image in presses.images]
-    measured, variance = np.array([model.read(each).direction for each in seen]).T
+    measured, variance = np.array([model.read(each)["direction"] for each in seen]).T
     measured *= angle_factor(model, unit)
     angle = presses.angle if is_measured else np.array([imprint_angle(each, unit) for each in seen])
     of_offset = 1.0 if presses.are_relative else _OFFSET  # [rad]

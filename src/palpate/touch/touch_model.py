@@ -22,6 +22,9 @@ from palpate.files import existing_file, read_json, whole_file
 from palpate.touch.cells import area_means, change_in_light
 
 Difference = NDArray[np.float32]
+Reading = dict[str, tuple[float, float]]
+"""Mean and variance of each output of a model for one image: direction, the angle of the contact on the tip [rad],
+[rad^2]; turn, the yaw of the sensor up to an offset of the contact [rad]; place along y of a flat pad [m]."""
 
 FORMAT, VERSION, NETWORK = "palpate-touch-model", 3, "touch.onnx"
 ROWS, COLUMNS = 32, 128
@@ -30,8 +33,6 @@ to the shading beside a corner's line of a millimetre: so columns are finer."""
 _LIGHT_COLUMNS = 32  # enough to find the light
 LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
 
-KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
-"""Kinds of contact that training tells apart."""
 OUTPUTS = (("direction", "turn"), ("direction", "turn", "place"), ("direction",))
 """Outputs of a model of a round tip, of a flat gel, and of one trained on presses."""
 _DATA = Path(__file__).resolve().parents[1] / "data"
@@ -90,18 +91,6 @@ class ModelSettings:
     """Data, seed and settings of the training, for people."""
 
 
-@dataclass(frozen=True, eq=False)
-class TouchReading:
-    """Outputs of a model for one image, each a mean and a variance."""
-
-    direction: tuple[float, float]
-    """Angle of the contact on the tip [rad], [rad^2]."""
-    turn: tuple[float, float] | None = None
-    """Yaw of the sensor up to an offset of the contact [rad], [rad^2]; None if the model has none."""
-    place: tuple[float, float] | None = None
-    """Contact place along y of a flat pad [m], [m^2]; None on a round tip."""
-
-
 class TouchModel:
     """Touch model in a folder; raises FileError if it is incomplete, of another version or altered."""
 
@@ -128,26 +117,25 @@ class TouchModel:
         """Return the state of copies and pickles, which open the network themselves."""
         return {**vars(self), "_session": None}
 
-    def read(self, difference: Difference) -> TouchReading:
+    def read(self, difference: Difference) -> Reading:
         """Return the reading of a difference (ROWS, COLUMNS, 3); opens the network at the first call."""
         batch = np.ascontiguousarray(difference.transpose(2, 0, 1)[None])
-        path, outputs = self.folder / NETWORK, list(self.settings.spread)
+        outputs = list(self.settings.spread)
         try:
             if self._session is None:
                 self._session = session(self.network)
                 given = {each.name for each in self._session.get_outputs()}
                 if given != set(outputs):
                     raise ValueError(f"gives {sorted(given)}, expected {sorted(outputs)}")
-            found = self._session.run(outputs, {"difference": batch})
-            if any(values.shape != (1, 2) for values in found):
-                raise ValueError(f"gives {[values.shape for values in found]}, expected (1, 2) each")
+            values = self._session.run(outputs, {"difference": batch})
+            pairs = [(mean, log_variance) for ((mean, log_variance),) in map(np.ndarray.tolist, values)]
         except Exception as error:  # a damaged network raises many kinds
-            raise FileError(f"{path}: is no network that can be run ({one_line(error)})") from error
-        means: dict[str, tuple[float, float]] = {}
-        for name, ((mean, log_variance),) in zip(outputs, map(np.ndarray.tolist, found), strict=True):
-            means[name] = mean, float(np.exp(min(log_variance, 700.0)))  # a foreign network may give any
-        place = means.get("place")
-        return TouchReading(means["direction"], means.get("turn"), place and (1e-2 * place[0], 1e-4 * place[1]))
+            raise FileError(f"{self.folder / NETWORK}: is no network that can be run ({one_line(error)})") from error
+        found: Reading = {}
+        for name, (mean, log_variance) in zip(outputs, pairs, strict=True):
+            unit = 1e-2 if name == "place" else 1.0  # [m] of what the network has in cm
+            found[name] = unit * mean, unit**2 * float(np.exp(min(log_variance, 700.0)))  # a foreign one may give any
+        return found
 
 
 _opened = cache(TouchModel)

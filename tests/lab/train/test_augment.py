@@ -9,8 +9,7 @@ import pytest
 
 from palpate import DIGIT
 from palpate.lab.train.augment import Augmentation, batch, draw_groups, varied_batch
-from palpate.lab.train.samples import Samples
-from palpate.touch.touch_model import KINDS
+from palpate.lab.train.samples import KINDS, Samples
 
 LENGTHS = [5, 80, 11, 200, 6]
 NONE = Augmentation((1.0, 1.0), (1.0, 1.0), 0.0, (0.0, 0.0), 0.0, 0.0, 0.0)

@@ -9,9 +9,9 @@ from training_samples import DISC, RECTANGLE, on_disc, on_left_side, recording
 
 from palpate import DIGIT, Background, Calibration, Ellipse, FileError, Polygon, Shape, write_recording
 from palpate.geometry import se2
-from palpate.lab.train.samples import SHOWN, read_samples, samples_of
+from palpate.lab.train.samples import KINDS, SHOWN, read_samples, samples_of
 from palpate.touch.calibration import CameraView, DirectionCorrection
-from palpate.touch.touch_model import COLUMNS, KINDS, ROWS
+from palpate.touch.touch_model import COLUMNS, ROWS
 from palpate.types.images import encode_image
 
 RADIUS = DIGIT.radius

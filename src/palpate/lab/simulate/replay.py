@@ -27,7 +27,7 @@ from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import interpolated, minimum_jerk
 from palpate.lab.simulate.recordings import Outcome, check_not_negative, fill_folder
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
-from palpate.pipeline.truth import flag_runs
+from palpate.pipeline.metrics import flag_runs
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile

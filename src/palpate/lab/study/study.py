@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from hashlib import sha256
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -164,7 +165,7 @@ def run_study(
 
 def described(settings: StudySettings) -> dict[str, Any]:
     """Return the settings of a study as plain data."""
-    tracker, model, unit = settings.tracker, settings.model, settings.calibration
+    tracker, model, file = settings.tracker, settings.model, settings.calibration and settings.calibration.file
     return {
         "palpate": palpate.__version__,
         "methods": list(settings.methods),
@@ -172,7 +173,7 @@ def described(settings: StudySettings) -> dict[str, Any]:
         "smoother": tracker.smoother,
         "hypotheses": tracker.hypotheses,
         "model": model and {"folder": str(model.folder), "hash": model.hash},
-        "calibration": unit and {"file": str(unit.file or ""), "hash": unit.hash},
+        "calibration": file and {"file": str(file), "hash": sha256(file.read_bytes()).hexdigest()},
     }
 
 

@@ -21,7 +21,7 @@ from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibr
 from palpate.touch.cells import Image
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import angle_factor
-from palpate.touch.touch_model import KINDS, LEVELS, Difference, reduced
+from palpate.touch.touch_model import LEVELS, Difference, reduced
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
@@ -35,6 +35,9 @@ CUT, SHORTEST = 2, 5
 UNTOUCHED = 30
 """Most untouched frames that a background is taken from."""
 _AT_CORNER, _NEAR_CORNER = 0.001, 0.008  # [m] from a corner; a patch is about 5 mm to either side of its middle
+
+KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
+"""Kinds of contact."""
 
 
 @dataclass(frozen=True, eq=False)

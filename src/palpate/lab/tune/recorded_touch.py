@@ -3,7 +3,7 @@
 The measurements depend on no setting of the graph, and reading them takes half of the time of tracking.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,11 +19,11 @@ from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
 from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, turned_as
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.pipeline import ReplayedTouch, TouchReader
+from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.types.estimate import Trajectory
-from palpate.types.measurements import Measurement
+from palpate.types.measurements import Frame, Measurement
 from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
@@ -108,6 +108,27 @@ def record_touch(
     return RecordedTouch(
         blind, truth, measurements, tactile, correction=calibration.direction if calibration else UNCORRECTED
     )
+
+
+class ReplayedTouch:
+    """Measurements that were read from images before, by the times of their frames."""
+
+    def __init__(
+        self,
+        time: NDArray[np.float64],
+        measurements: Sequence[Sequence[Measurement]],
+        correction: DirectionCorrection = UNCORRECTED,
+    ) -> None:
+        """Take the times (N,) [s], the measurements of each, and the correction of directions that is in them."""
+        self.correction = correction
+        self._measurements = dict(zip(time.tolist(), measurements, strict=True))
+
+    def measure(self, frame: Frame) -> Sequence[Measurement]:
+        """Return the measurements recorded at the time of a frame."""
+        return self._measurements[frame.time]
+
+    def end_contact(self) -> None:
+        """Do nothing: the measurements hold whatever a contact changes."""
 
 
 def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajectory:
