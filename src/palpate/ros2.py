@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib import import_module
-from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -37,7 +36,6 @@ from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
-from palpate.types.measurements import finite_numbers
 from palpate.types.sensor import DIGIT
 from palpate.types.space import GelPoses, Placement
 
@@ -65,21 +63,18 @@ def main(arguments: Sequence[str]) -> int:
 
 def run(node: Any, stop: threading.Event) -> None:
     """Track until the event is set. Raises PalpateError if parameters, topics or images are unusable."""
-    shape, first_pose = _parameter(node, "shape"), _numbers(node, "first_pose")
+    shape, first_pose = _parameter(node, "shape"), _parameter(node, "first_pose")
     if shape is None or first_pose is None:
         raise SettingError(
             "the object is not known: the parameters shape and first_pose say it, "
             "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
         )
-    sigma, unit = _numbers(node, "first_pose_sigma"), _parameter(node, "calibration")
+    sigma, unit = _parameter(node, "first_pose_sigma"), _parameter(node, "calibration")
     settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
-    calibration = None if unit is None else load_calibration(Path(str(unit)))
-    outline = load_shape(str(shape))
+    calibration = None if unit is None else load_calibration(str(unit))
+    outline, topics = load_shape(str(shape)), Topics(node)
     tracker = Tracker(outline, DIGIT, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
-    offset = _parameter(node, "time_offset") or 0.0
-    if not isinstance(offset, float) or not abs(offset) <= 1.0:
-        raise SettingError(f"parameter time_offset is {offset!r}; allowed are -1.0 to 1.0 s")
-    topics = Topics(node)
+    offset = topics.placement.time_offset
     sources = Sources(topics.images, topics.poses, topics.now, turned_as(DIGIT, calibration), offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))
@@ -125,14 +120,6 @@ def _parameter(node: Any, name: str) -> Any:
     return node.declare_parameter(name, None, any_type).value or None
 
 
-def _numbers(node: Any, name: str, count: int = 3) -> list[float] | None:
-    value = _parameter(node, name)
-    numbers = finite_numbers(value, (count,))
-    if value is not None and numbers is None:
-        raise SettingError(f"parameter {name} is {value!r}; allowed are {count} finite numbers: '[0.1, 0.0, ...]'")
-    return None if numbers is None else numbers.tolist()
-
-
 class Topics(MessageSink):
     """The topics of a session: images and sensor poses come in, estimates go out.
 
@@ -143,9 +130,9 @@ class Topics(MessageSink):
 
     def __init__(self, node: Any) -> None:
         """Take the node. Raises SettingError if a parameter is unusable."""
-        gel, normal = _numbers(node, "sensor_T_gel", 7), _numbers(node, "plane") or (0.0, 0.0, 1.0)
-        self._node, self._place = node, GelPoses(Placement(sensor_T_gel=gel, plane=(normal[0], normal[1], normal[2])))
-        self._view = camera_view(str(_parameter(node, "orientation") or ""))
+        given = {name: value for name in ("sensor_T_gel", "time_offset", "plane") if (value := _parameter(node, name))}
+        self.placement = Placement(str(_parameter(node, "orientation") or ""), **given)
+        self._node, self._place, self._view = node, GelPoses(self.placement), camera_view(self.placement.orientation)
         self._clock = node.get_clock()
         self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
         self._publishers: dict[str, Any] = {

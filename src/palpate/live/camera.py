@@ -2,28 +2,52 @@
 
 import os
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Generator, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
-from itertools import count
+from itertools import islice, takewhile
 from pathlib import Path
-from typing import Any
+from time import sleep
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.live.sources import Clock, Image, ImageSource, Sources, TouchImage, in_time, udp_poses
+from palpate.live.sources import Clock, Image, Sources, TouchImage, udp_poses
 from palpate.types.images import CameraView, camera_view, scaled
 from palpate.types.sensor import SensorProfile
-from palpate.types.space import GelPoses
+from palpate.types.space import GelPoses, Placement
 
 BY_ID = Path("/dev/v4l/by-id")
 """Folder in which Linux lists cameras by serial."""
+Pictures: TypeAlias = Generator[tuple[float, Any]]
+"""Times on the session's clock [s], and pixels as OpenCV has them, None for a damaged image."""
 
 
 @contextmanager
-def camera(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> Iterator[tuple[float, ImageSource]]:
-    """Open a camera by OpenCV while the block runs; yield its measured rate [Hz] and its images, until it is lost.
+def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Placement) -> Iterator[Sources]:
+    """Open a camera (number, path or serial), or a video or folder in its place, and a source of poses.
+
+    Raises SettingError if camera or source are missing.
+    """
+    clock, path = Clock(), Path(name)
+    is_film = path.is_dir() or path.is_file()
+    rate, pictures = film(path, sensor, clock) if is_film else camera(camera_path(name), sensor, clock)
+
+    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
+        for time, pixels in islice(pictures, 0 if is_film else 5, None):  # without old ones, in the driver's buffer
+            if stop.is_set():
+                return
+            yield TouchImage(time, b"" if pixels is None else upright(pixels, sensor, placement.orientation))
+        if not is_film:
+            yield "the camera is lost, which ends the session"
+
+    with closing(pictures), udp_poses(poses, clock, GelPoses(placement)) as source:
+        yield Sources(images, source, clock.now, replace(sensor, rate=rate), placement.time_offset)
+
+
+def camera(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, Pictures]:
+    """Open a camera by OpenCV; return its measured rate [Hz] and its images until it is lost.
 
     Its exposure settles for a second. Raises SettingError if it cannot be opened or gives no images.
     """
@@ -31,48 +55,29 @@ def camera(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) ->
     import cv2
 
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors are reported in one sentence
-    capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
-    # Cameras have landscape images, also those of a DIGIT.
-    sides = sensor.image_height, sensor.image_width
-    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, min(sides))
-    capture.set(cv2.CAP_PROP_FRAME_WIDTH, max(sides))
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
 
-    def read() -> TouchImage | None:
-        """Return the next image with the time of its arrival; None if the camera gives none."""
-        for _ in range(10):  # more damaged images than that are a fault of the camera
-            # OpenCV goes on grabbing from an unplugged camera.
-            if not path.exists() or not capture.grab():
-                return None
-            time = clock.now()
-            is_whole, pixels = capture.retrieve()
-            if is_whole and pixels is not None and pixels.ndim == 3:
-                return TouchImage(time, upright(pixels, sensor, orientation))
-        return None
+    def pictures() -> Pictures:
+        capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
+        # Cameras have landscape images, also those of a DIGIT.
+        sides = sensor.image_height, sensor.image_width
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, min(sides))
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, max(sides))
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        try:
+            while path.exists() and capture.grab():  # OpenCV goes on grabbing from an unplugged camera
+                yield clock.now(), capture.retrieve()[1]
+        finally:
+            capture.release()
 
-    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
-        for _ in range(5):  # old ones, in the driver's buffer
-            read()
-        while not stop.is_set():
-            image = read()
-            yield image or "the camera is lost, which ends the session"
-            if image is None:
-                return
-
-    try:
-        times, begin = list[float](), clock.now()
-        while clock.now() - begin < 1.0 and (image := read()):
-            times.append(image.time)
-        if len(times) < 2:
-            raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
-        yield (len(times) - 1) / (times[-1] - times[0]), images
-    finally:
-        capture.release()
+    found, begin = pictures(), clock.now()
+    times = [time for time, _ in takewhile(lambda picture: picture[0] < begin + 1.0, found)]
+    if len(times) < 2:
+        raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
+    return (len(times) - 1) / (times[-1] - times[0]), found
 
 
-@contextmanager
-def film(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> Iterator[tuple[float, ImageSource]]:
-    """Yield rate [Hz] and images of a video, or of a folder in the order of their names, in place of a camera's.
+def film(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, Pictures]:
+    """Return rate [Hz] and images of a video, or of a folder in the order of their names, in place of a camera's.
 
     Raises SettingError if there are none.
     """
@@ -89,13 +94,13 @@ def film(path: Path, sensor: SensorProfile, clock: Clock, orientation: str) -> I
     if not is_film:
         raise SettingError(f"camera {path}: is no video that OpenCV reads, nor a folder with PNG or JPEG images")
 
-    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
+    def pictures() -> Pictures:
         begin = clock.now()
-        due = in_time((begin + index / rate for index in count()), clock, stop)
-        for time, image in zip(due, pixels, strict=False):
-            yield "an image is damaged" if image is None else TouchImage(time, upright(image, sensor, orientation))
+        for index, image in enumerate(pixels):
+            sleep(max(begin + index / rate - clock.now(), 0.0))
+            yield begin + index / rate, image
 
-    yield rate, images
+    return rate, pictures()
 
 
 def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
@@ -109,22 +114,6 @@ def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
     if not orientation and (pixels.shape[0] < pixels.shape[1]) != (size[0] < size[1]):
         view = CameraView(1)
     return scaled(view.of(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)), size)
-
-
-@contextmanager
-def camera_sources(
-    name: str, poses: str, sensor: SensorProfile, place: GelPoses, orientation: str, time_offset: float
-) -> Iterator[Sources]:
-    """Open a camera (number, path or serial), or a video or folder in its place, and a source of poses.
-
-    `place` takes the poses, `orientation` says how images lie, and `time_offset` [s] is added to their times. Raises
-    SettingError if camera or source are missing.
-    """
-    clock = Clock()
-    is_film = Path(name).is_dir() or Path(name).is_file()
-    opened = (film if is_film else camera)(Path(name) if is_film else camera_path(name), sensor, clock, orientation)
-    with opened as (rate, images), udp_poses(poses, clock, place) as source:
-        yield Sources(images, source, clock.now, replace(sensor, rate=rate), time_offset)
 
 
 def camera_path(name: str) -> Path:

@@ -9,18 +9,26 @@ from array import array
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
 
 from palpate.errors import FileError, FrameError
+from palpate.geometry.shapes import Shape
+from palpate.io.estimates_mcap import add_estimate
+from palpate.io.mcap_file import nanoseconds, new_mcap
+from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
+from palpate.io.ros_messages import ros_types
 from palpate.live.sources import ImageSource, PoseSource, PoseTrack, Refused, Sources, TimedPose, TouchImage
 from palpate.pipeline.metrics import PERCENTILES, percentiles
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
-from palpate.types.images import decode_image
+from palpate.types.images import decode_image, encode_image
 from palpate.types.measurements import Frame
+from palpate.types.sensor import SensorProfile
+from palpate.types.space import flat
 
 Listen = Callable[[TouchImage | TimedPose | Estimate], Any]
 """Receives everything that arrives and is estimated."""
@@ -169,3 +177,26 @@ def stop_on_signals() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = False) -> Iterator[Listen]:
+    """Yield a function that records into a new MCAP; `sensor` has the size of arriving images.
+
+    Raises FileError if the file exists, unless `force`.
+    """
+    ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
+    plane = flat()
+    with new_mcap(path, force, growing=True) as file:
+        describe(file, shape, sensor)
+
+        def record(item: TouchImage | TimedPose | Estimate) -> None:
+            (stamp,) = nanoseconds(path, np.array([item.time]))
+            if isinstance(item, Estimate):
+                add_estimate(file, plane, stamp, item)
+            elif isinstance(item, TimedPose):
+                file.add_pose(SENSOR_POSES, stamp, plane, item.pose)
+            else:
+                file.add_image(IMAGES, stamp, item.data if isinstance(item.data, bytes) else encode_image(item.data))
+
+        yield record

@@ -51,7 +51,7 @@ class Run:
     step_ms: Array
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
     truth: Array
-    """Ground truth that the run is scored by, (N, 3); NaN where it is unknown or jumps away and back."""
+    """Ground truth that the run is scored by, (N, 3); NaN where it is unknown."""
     summary: dict[str, Any]
     """Scores of the online estimates; see `metrics.summarise`."""
 

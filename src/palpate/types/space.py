@@ -158,6 +158,8 @@ class GelPoses:
 
     def __init__(self, placement: Placement) -> None:
         """Take the gel's pose on the part, and the normal of the plane and distances from it that are allowed."""
+        if placement.plane == "fit":
+            raise SettingError("plane is fit, which needs all poses; allowed is its normal, as poses come one by one")
         self._placement = placement
         self.plane: Plane | None = None
         """The plane, known from the first pose in space on."""
