@@ -13,15 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file
-from palpate.types.images import (
-    Codec,
-    camera_view,
-    checked_pixels,
-    decode_image,
-    encode_image,
-    fitted,
-    turned_image,
-)
+from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import (

@@ -17,15 +17,7 @@ from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.from_arrays import nanoseconds, planar_recording
-from palpate.io.ros_messages import (
-    BOOL,
-    IMAGE_TYPES,
-    POSE_TYPES,
-    TRANSFORM_TYPES,
-    decoded,
-    image_of,
-    stamp_of,
-)
+from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, TRANSFORM_TYPES, decoded, image_of, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, PoseStream, Topic, bag_messages, contents
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
