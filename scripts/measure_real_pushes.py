@@ -15,8 +15,8 @@ from _common import DATA, for_each, write
 import palpate
 from palpate.geometry.se2 import wrap
 from palpate.lab.study.recordings import find_recordings
+from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import track
-from palpate.pipeline.truth import flag_runs
 
 
 def main(data: Path) -> None:

@@ -65,7 +65,7 @@ def faulty(recording: Recording, fault: str) -> "Given":
     """Put a fault of sensors, or of what is known of the object, into a recording; FAULTY names them."""
     from palpate.geometry import se2
     from palpate.geometry.shapes import scaled
-    from palpate.pipeline.truth import flag_runs
+    from palpate.pipeline.metrics import flag_runs
     from palpate.touch.background import background_of
 
     rng, count, shape, calibration = np.random.default_rng(0), len(recording), recording.shape, None

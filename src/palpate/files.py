@@ -6,7 +6,6 @@ import json
 import math
 import os
 import re
-import shutil
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -61,24 +60,6 @@ def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
         raise FileError(f"{path}: cannot be written ({error})") from error
     finally:
         part.unlink(missing_ok=True)
-
-
-@contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder that takes the place of `folder` on success and is removed on any failure."""
-    if not folder.name:
-        raise FileError(f"{folder}: is not the name of a new folder")
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
-    try:
-        part.mkdir(parents=True)
-        yield part
-        if folder.exists():
-            shutil.rmtree(folder)
-        part.rename(folder)
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be written ({error})") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager

@@ -4,30 +4,25 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
 from palpate.geometry.shapes import wrong_width
-from palpate.pipeline.truth import flag_runs
+from palpate.pipeline.metrics import flag_runs
 from palpate.types.recording import Recording
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 
 def check_recording(recording: Recording) -> dict[str, Any]:
     """Return the contents of a recording and everything that is wrong with it. Decodes every image.
 
-    - frames, duration_s, rate_hz by the median interval, jitter_s: standard deviation of intervals without gaps.
-    - contact: known or absent; contact_share, truth_share: of the frames.
+    - frames, duration_s, rate_hz by the median interval.
+    - contact_share, truth_share: of the frames; None where contact is unknown.
     - contacts: start_s and end_s of each contact, since the first frame.
     - images: number of frames with an image; image_size: rows and columns [px].
     - findings: kind (rate, unit, time gap or image), start_s, end_s and sentence.
     """
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
     step = np.diff(time)
-    regular = np.delete(step, _gaps(time))
 
     def between(first: int, last: int) -> dict[str, float]:
         return {"start_s": float(time[first] - time[0]), "end_s": float(time[last] - time[0])}
@@ -36,8 +31,6 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "frames": len(recording),
         "duration_s": float(time[-1] - time[0]),
         "rate_hz": float(1.0 / np.median(step)) if len(step) else None,
-        "jitter_s": float(np.std(regular)) if len(regular) else None,
-        "contact": "absent" if contact is None else "known",
         "contact_share": None if contact is None else float(np.mean(contact)),
         "truth_share": 0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
@@ -68,16 +61,10 @@ def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
             check_metres(name, np.empty((0, 2)) if poses is None else poses[:, :2])
         except FileError as error:
             yield ("unit", 0, -1, str(error))
-    for frame in _gaps(recording.time).tolist():
+    for frame in np.flatnonzero(step > 3.0 * np.median(step)).tolist() if len(step) else ():
         yield ("time gap", frame, frame + 1, f"no frames for {step[frame]:.2f} s")
     for frame in range(len(recording)) if recording.image is not None else ():
         try:
             recording[frame]
         except FileError as error:
             yield ("image", frame, frame, str(error))
-
-
-def _gaps(time: Array) -> NDArray[np.intp]:
-    """Return the frames after which others are missing, from times (N,) [s]."""
-    step = np.diff(time)
-    return np.flatnonzero(step > 3.0 * np.median(step)) if len(step) else np.empty(0, np.intp)

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from palpate.errors import one_line
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
-from palpate.pipeline.metrics import deviations, pose_words, rotation_errors, translation_errors
+from palpate.pipeline.metrics import deviations, flag_runs, pose_words, rotation_errors, translation_errors
 from palpate.pipeline.track import Run
-from palpate.pipeline.truth import flag_runs
 from palpate.types.estimate import Status
 
 if TYPE_CHECKING:
@@ -120,35 +119,29 @@ def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
 
 def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     """Draw translation and rotation errors with their sigma over time, or sigma alone without truth."""
-    assert run.online.covariance is not None
-    distance, angle = deviations(run.online.covariance)
-    distance, angle = distance * 1e3, np.degrees(angle)
-    kind, off, turned = "1 sigma", None, None
-    if run.summary["scored_frames"]:
-        kind, off = "error", translation_errors(run.online.pose, run.truth) * 1e3
-        turned = np.degrees(rotation_errors(run.online.pose, run.truth))
-    _draw_error(translation, run, off, np.zeros_like(distance), distance)
-    _draw_error(rotation, run, turned, -angle, angle)
-    translation.set(ylabel=f"translation {kind} [mm]")
-    translation.tick_params(labelbottom=False)
-    rotation.tick_params(labelbottom=False)
-    rotation.axhline(0.0, color=START, lw=0.8)
-    rotation.set(ylabel=f"rotation {kind} [°]")
-
-
-def _draw_error(axes: "Axes", run: Run, error: Array | None, below: Array, above: Array) -> None:
-    time = run.online.time - run.online.time[0]
+    online, time = run.online, run.online.time - run.online.time[0]
+    assert online.covariance is not None
+    distance, angle = deviations(online.covariance)
     shade: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
-    axes.fill_between(time, 0.0, 1.0, run.online.contact, step="post", transform=axes.get_xaxis_transform(), **shade)
-    axes.fill_between(time, below, above, color=ESTIMATE, alpha=0.3, lw=0, label="1 sigma of the estimate")
-    top = float(np.percentile(above, 99)) * 1.1
-    if error is not None:
-        axes.plot(time, error, color="black", lw=1.3, label="error")
-        worst = float(np.nanmax(np.abs(error)))
-        top = max(1.1 * worst, min(top, 4.0 * worst))  # as much of the band as leaves the error readable
-    top = top or 1.0
-    axes.set(xlim=(time[0], time[-1] if len(time) > 1 else time[0] + 1.0), ylim=(-top if below.any() else 0.0, top))
-    axes.grid(alpha=0.25)
+    is_scored = bool(run.summary["scored_frames"])
+    off, turned = translation_errors(online.pose, run.truth), rotation_errors(online.pose, run.truth)
+    for axes, name, error, sigma, least in (
+        (translation, "translation {} [mm]", off * 1e3, distance * 1e3, 0.0),
+        (rotation, "rotation {} [°]", np.degrees(turned), np.degrees(angle), -1.0),
+    ):
+        axes.fill_between(time, 0.0, 1.0, online.contact, step="post", transform=axes.get_xaxis_transform(), **shade)
+        axes.fill_between(time, least * sigma, sigma, color=ESTIMATE, alpha=0.3, lw=0, label="1 sigma of the estimate")
+        top = float(np.percentile(sigma, 99)) * 1.1
+        if is_scored:
+            axes.plot(time, error, color="black", lw=1.3, label="error")
+            worst = float(np.nanmax(np.abs(error)))
+            top = max(1.1 * worst, min(top, 4.0 * worst))  # as much of the band as leaves the error readable
+        top = top or 1.0
+        axes.set(xlim=(time[0], time[-1] if len(time) > 1 else time[0] + 1.0), ylim=(least * top, top))
+        axes.set(ylabel=name.format("error" if is_scored else "1 sigma"))
+        axes.tick_params(labelbottom=False)
+        axes.grid(alpha=0.25)
+    rotation.axhline(0.0, color=START, lw=0.8)
 
 
 def title_of(run: Run) -> str:

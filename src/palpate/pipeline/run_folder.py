@@ -1,34 +1,26 @@
-"""The folder of a tracking run.
-
-`trajectory.tum` has the smoothed estimates, all other files have the online ones. `answers.csv` has all answers, the
-best first, at each frame with several: one a row, with its covariance in the tangent space at it (right, body frame).
-"""
+"""The folder of a tracking run: `trajectory.tum` has the smoothed estimates, all other files have the online ones."""
 
 import json
+import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 import palpate
 from palpate.errors import FileError
-from palpate.files import whole_folder
 from palpate.io.estimates_mcap import write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
-from palpate.io.trajectories import COVARIANCE, UPPER, write_estimates_csv, write_tum
+from palpate.io.trajectories import write_estimates_csv, write_tum
 from palpate.pipeline.figures import drawing, run_figure
 from palpate.pipeline.track import Run
 from palpate.types.space import Plane
 
-FILES = {"settings.json", "trajectory.tum", "estimates.csv", "answers.csv", "summary.json", "figure.png"}
+FILES = {"settings.json", "trajectory.tum", "estimates.csv", "summary.json", "figure.png"}
 """Files of every run."""
 RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
-ANSWERS = ("time", "weight", "x", "y", "theta", *COVARIANCE)
-"""Columns of `answers.csv`."""
 
 
 @contextmanager
@@ -37,25 +29,29 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
 
     Raises FileError if the folder exists; with `force` an earlier run in it, and nothing else, is replaced then.
     """
-    with whole_folder(folder) as part:
-        if folder.exists() and not folder.is_dir():
-            raise FileError(f"{folder}: is a file, expected the name of a folder to write")
-        if folder.exists() and not force:
-            raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-        there = {path.name for path in folder.iterdir()} if folder.exists() else set()
-        if foreign := sorted(there - FILES - {RECORDING, PAGE, MCAP}):
-            raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if not folder.name or (folder.exists() and not folder.is_dir()):
+        raise FileError(f"{folder}: is a file, or not the name of a new folder")
+    if folder.exists() and not force:
+        raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
+    if foreign := sorted(there - FILES - {RECORDING, PAGE, MCAP}):
+        raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        part.mkdir(parents=True)
         yield part
+        if folder.exists():
+            shutil.rmtree(folder)
+        part.rename(folder)
+    except OSError as error:
+        raise FileError(f"{folder}: cannot be written ({error})") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     """Write FILES to a folder and, with the plane of the push in space, the estimates as messages (MCAP)."""
     online, file, calibration = run.online, run.recording.file, run.calibration
-    answers = [
-        (when, one.weight, *one.pose, *one.covariance[UPPER])
-        for when, several in zip(online.time, run.answers, strict=True)
-        for one in several
-    ]
     settings = {
         "palpate": palpate.__version__,
         "source": run.recording.source,
@@ -68,8 +64,6 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     }
     for name, data in (("settings.json", settings), ("summary.json", run.summary)):
         (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    table: Any = {"fmt": "%.17g", "delimiter": ",", "header": ",".join(ANSWERS), "comments": ""}
-    np.savetxt(folder / "answers.csv", np.reshape(answers, (-1, len(ANSWERS))), **table)
     write_tum(run.smoothed, folder / "trajectory.tum")
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:

@@ -15,8 +15,7 @@ from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
-from palpate.pipeline.metrics import summarise
-from palpate.pipeline.truth import flag_runs, known_truth
+from palpate.pipeline.metrics import flag_runs, known_truth, summarise
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
@@ -78,7 +77,14 @@ def track(
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     truth = known_truth(recording)
-    _check(recording, truth, settings)
+    tactile, has_images = settings.tactile, recording.image is not None
+    for is_lacking, words in (
+        (not has_images and recording.contact is None, "neither images nor contact flags, and tracking needs one"),
+        (not has_images and tactile.startswith("learnt"), f"no images, which tactile {tactile} needs"),
+        (tactile == "oracle" and np.isnan(truth).all(), "no ground truth, which tactile oracle measures from"),
+    ):
+        if is_lacking:
+            raise SettingError(f"{recording.file or 'the recording'}: has {words}")
     estimates: list[Estimate] = []
     used, step_ms = np.zeros(len(recording), np.bool_), np.zeros(len(recording))
     with kept_warnings() as warnings:
@@ -202,16 +208,3 @@ def kept_warnings() -> Iterator[list[str]]:
         yield kept
     finally:
         logging.getLogger("palpate").removeHandler(listener)
-
-
-def _check(recording: Recording, truth: Array, settings: TrackerSettings) -> None:
-    """Raise SettingError if the recording lacks something that the settings need."""
-    lacking = ""
-    if recording.contact is None and recording.image is None:
-        lacking = "neither images nor contact flags, and tracking needs one of them"
-    elif settings.tactile.startswith("learnt") and recording.image is None:
-        lacking = f"no images, which tactile {settings.tactile} needs"
-    elif settings.tactile == "oracle" and np.isnan(truth).all():
-        lacking = "no ground truth, which tactile oracle takes its measurements from"
-    if lacking:
-        raise SettingError(f"{recording.file or 'the recording'}: has {lacking}")

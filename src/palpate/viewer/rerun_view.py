@@ -17,7 +17,7 @@ from palpate.geometry.se2 import ellipses_95
 from palpate.io import load_recording
 from palpate.io.trajectories import read_estimates_csv
 from palpate.pipeline.figures import COLOURS, STATUS_COLOURS
-from palpate.pipeline.truth import known_truth
+from palpate.pipeline.metrics import known_truth
 from palpate.types.estimate import Trajectory
 from palpate.types.images import codec_of
 from palpate.types.recording import Recording
@@ -45,7 +45,6 @@ def write_view(path: Path, file: Path, force: bool = False) -> None:
         stream = rr.RecordingStream("palpate")
         stream.send_recording_name(printable(path.resolve().name))
         stream.save(part, _blueprint())
-        _send_styles(stream)
         _send_frames(stream, recording, online)
         stream.disconnect()
 
@@ -57,25 +56,12 @@ def _run_of(folder: Path) -> tuple[Recording, Trajectory]:
     if not isinstance(file := read_json(folder / "settings.json").get("recording"), str):
         raise FileError(f"{folder / 'settings.json'}: recording is {file!r}, expected the name of a file")
     recording, online = load_recording(folder / file), read_estimates_csv(folder / "estimates.csv")
-    if online.covariance is None or online.contact is None or online.status is None:
-        raise FileError(f"{folder / 'estimates.csv'}: lacks covariance, contact or status, which palpate track writes")
     if not np.array_equal(online.time, recording.time):
         raise FileError(
             f"{folder}: its {len(online)} estimates are not of the {len(recording)} frames of {recording.file}, "
             "which is another recording now; track it again"
         )
     return recording, online
-
-
-def _send_styles(stream: rr.RecordingStream) -> None:
-    """Send colours and widths of all that moves."""
-    drawn = [("truth", "truth", 2.5), ("sensor", "sensor", 1.5)]  # from the back
-    drawn += [("estimate", "estimate", 1.25), ("ellipse", "estimate", 1.0), ("contact", "contact", 3.0)]
-    for order, (path, colour, radius) in enumerate(drawn, 10):
-        style = {"colors": _rgb(COLOURS[colour]), "radii": rr.Radius.ui_points(radius), "draw_order": float(order)}
-        stream.log(f"above/{path}", rr.LineStrips2D.from_fields(**style), static=True)
-    colours = list(map(_rgb, STATUS_COLOURS.values()))
-    stream.log("status", rr.StateConfiguration(values=list(STATUS_COLOURS), colors=colours), static=True)
 
 
 def _send_frames(stream: rr.RecordingStream, recording: Recording, online: Trajectory | None) -> None:
@@ -86,37 +72,43 @@ def _send_frames(stream: rr.RecordingStream, recording: Recording, online: Traje
     pads = [np.concatenate((pad, pad[:1])) for pad in recording.sensor.pads]
     at_pads = [[se2.transform(pose, pad) for pad in pads] for pose in recording.sensor_pose]
 
-    def send_strips(path: str, strips: Sequence[Sequence[Array]]) -> None:
-        """Send line strips (P, 2) [m], of each frame none, one or several."""
+    def send_strips(name: str, strips: Sequence[Sequence[Array]], colour: str, radius: float, order: float) -> None:
+        """Send line strips (P, 2) [m], of each frame none, one or several; a higher order is drawn on top."""
+        style = {"colors": _rgb(COLOURS[colour]), "radii": rr.Radius.ui_points(radius), "draw_order": order}
+        stream.log(f"above/{name}", rr.LineStrips2D.from_fields(**style), static=True)
         lengths, placed = list(map(len, strips)), [strip * TO_PLANE for some in strips for strip in some]
-        stream.send_columns(f"above/{path}", [time], rr.LineStrips2D.columns(strips=placed).partition(lengths))
+        stream.send_columns(f"above/{name}", [time], rr.LineStrips2D.columns(strips=placed).partition(lengths))
 
     def send_path(name: str, poses: Array) -> None:
         """Send the path of the origin of poses (N, 3)."""
         style = {"colors": _rgb(COLOURS[name]), "radii": rr.Radius.ui_points(1.0)}
         stream.log(f"above/{name}_path", rr.Points2D(poses[:, :2] * TO_PLANE, **style), static=True)
 
-    def send_object(name: str, poses: Array) -> None:
+    def send_object(name: str, poses: Array, radius: float, order: float) -> None:
         is_known = np.asarray(np.isfinite(poses).all(axis=1))
         send_path(name, poses[is_known])
-        placed = se2.transform(poses[:, None], outline)
-        send_strips(name, [[strip] if known else [] for strip, known in zip(placed, is_known, strict=True)])
+        placed = zip(se2.transform(poses[:, None], outline), is_known, strict=True)
+        send_strips(name, [[strip] if known else [] for strip, known in placed], name, radius, order)
 
     send_path("sensor", recording.sensor_pose)
-    send_strips("sensor", at_pads)
+    send_strips("sensor", at_pads, "sensor", 1.5, 11.0)
     for when, image in zip(recording.time.tolist(), recording.image or (), strict=False):
         if codec := codec_of(image):  # else it is damaged
             stream.set_time("time", **{kind: when})
             stream.log("touch", rr.EncodedImage(contents=image, media_type=f"image/{codec}"))
     truth = known_truth(recording)
     if np.isfinite(truth).any():
-        send_object("truth", truth)
+        send_object("truth", truth, 2.5, 10.0)
     if online is None:
         return
     assert online.covariance is not None and online.contact is not None
-    send_object("estimate", online.pose)
-    send_strips("ellipse", [[ellipse] for ellipse in ellipses_95(online.pose, online.covariance)])
-    send_strips("contact", [some if touches else [] for some, touches in zip(at_pads, online.contact, strict=True)])
+    send_object("estimate", online.pose, 1.25, 12.0)
+    ellipses = ellipses_95(online.pose, online.covariance)
+    send_strips("ellipse", [[ellipse] for ellipse in ellipses], "estimate", 1.0, 13.0)
+    touching = [some if touches else [] for some, touches in zip(at_pads, online.contact, strict=True)]
+    send_strips("contact", touching, "contact", 3.0, 14.0)
+    colours = list(map(_rgb, STATUS_COLOURS.values()))
+    stream.log("status", rr.StateConfiguration(values=list(STATUS_COLOURS), colors=colours), static=True)
     stream.send_columns("status", [time], rr.StateChange.columns(state=online.status))
 
 
