@@ -13,7 +13,7 @@ import palpate
 
 pytestmark = pytest.mark.usefixtures("folder")
 
-FILES = {"settings.json", "trajectory.tum", "estimates.csv", "answers.csv", "summary.json", "figure.png"}
+FILES = {"settings.json", "trajectory.tum", "estimates.csv", "summary.json", "figure.png"}
 
 
 def read(path: str) -> Any:
@@ -141,6 +141,21 @@ def test_force_replaces_nothing_but_a_run(fails, json_of):
     assert Path("runs/push/thesis.tex").exists()
     assert "is a file" in fails("track", "push.mcap", "--out", "blind.mcap", "--force")
     assert "not the name of a new folder" in fails("track", "push.mcap", "--out", "/")
+
+
+def test_several_files_give_a_folder_each(run_palpate):
+    palpate.write_recording(pushed(), "again.mcap")
+    code, out, err = run_palpate("track", "push.mcap", "blind.mcap", "again.mcap", "--out", "all", "--json")
+    assert code == 3 and err.startswith("palpate: blind.mcap: has no ground truth") and err.count("\n") == 1
+    runs = json.loads(out)["runs"]
+    assert list(runs) == [str(Path("all/push")), str(Path("all/again"))]
+    assert (
+        runs["all/push"] == read("all/push/summary.json")
+        and {path.name for path in Path("all/again").iterdir()} == FILES
+    )
+    code, out, _ = run_palpate("track", "push.mcap", "again.mcap")
+    assert code == 0 and all(str(Path("runs", name)) in out for name in ("push", "again"))
+    assert "a recording or several" in run_palpate("track")[2]
 
 
 def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeypatch):

@@ -2,36 +2,47 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import islice
+from dataclasses import dataclass
 from typing import Any
 
 from palpate.errors import printable
 
 
-def print_json(data: dict[str, Any]) -> None:
-    """Print the one JSON object of a command."""
-    print(json.dumps(data, indent=2, allow_nan=False))
+@dataclass(frozen=True)
+class Report:
+    """Result of a command."""
 
+    title: str
+    data: dict[str, Any]
+    """The JSON object of the command."""
+    shown: dict[str, Any] | None = None
+    """Content of its tables, by default the same."""
+    notes: Sequence[str] = ()
+    """Lines below the tables."""
+    code: int = 0
+    """Exit code."""
 
-def report(json: bool, title: str, data: dict[str, Any]) -> None:
-    """Print the result of a command as one JSON object, or as tables with its keys, one for each list of objects."""
-    if json:
-        print_json(data)
-        return
-    several = {key: dict(enumerate(value)) if isinstance(value, list) else value for key, value in data.items()}
-    tables = {
-        key: rows
-        for key, rows in several.items()
-        if isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())
-    }
-    _print_table(title, ("", "value"), [(key, cell(value)) for key, value in data.items() if key not in tables])
-    for name, rows in tables.items():
-        keys = list(dict.fromkeys(key for row in rows.values() for key in row))
-        cells = [[str(first), *(cell(row.get(key)) for key in keys)] for first, row in islice(rows.items(), 20)]
-        more = f": the first 20 of {len(rows)}" if len(rows) > 20 else ""
-        _print_table(name + more, ("", *keys), cells)
+    def print(self, as_json: bool) -> None:
+        """Print one JSON object, or tables with its keys: one of values, and one for each list of objects."""
+        if as_json:
+            print(json.dumps(self.data, indent=2, allow_nan=False))
+            return
+        tables: dict[str, list[list[str]]] = {self.title: []}
+        for key, value in (self.data if self.shown is None else self.shown).items():
+            rows = dict(enumerate(value)) if isinstance(value, list) else value
+            if not (isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())):
+                tables[self.title].append([key, cell(value)])
+                continue
+            columns = list(dict.fromkeys(name for row in rows.values() for name in row))
+            first = [[str(name), *(cell(row.get(column)) for column in columns)] for name, row in rows.items()][:20]
+            tables[f"{key}: the first 20 of {len(rows)}" if len(rows) > 20 else key] = [["", *columns], *first]
+        for title, rows in tables.items():
+            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+            lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+            print("", printable(title), *map(printable, lines), sep="\n")
+        print("", *map(printable, self.notes), sep="\n")
 
 
 def cell(value: Any) -> str:
@@ -45,28 +56,6 @@ def cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
     return "-" if value is None or value == "" else str(value)
-
-
-def _print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table. Long cells are wrapped, not cut off; one for a file is wide, as there is no window to wrap for."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=printable(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD)
-    for column in columns:
-        table.add_column(column, overflow="fold")
-    for row in rows:
-        table.add_row(*map(printable, row))
-    console = Console(highlight=False, markup=False)
-    if not console.is_terminal:
-        console.width = max(console.width, 240)
-    console.print(table)
-
-
-def print_line(text: str) -> None:
-    """Print a line for people."""
-    print(printable(text))
 
 
 def complain(error: Exception | str) -> None:

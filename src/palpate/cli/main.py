@@ -1,6 +1,7 @@
 """`palpate`: parses the command line, runs a command and turns errors into one line and an exit code."""
 
 import gc
+import inspect
 import io
 import logging
 import os
@@ -12,15 +13,11 @@ from typing import Any
 import tyro
 
 from palpate import __version__
-from palpate.cli.calibrate import calibrate
 from palpate.cli.console import complain
-from palpate.cli.learn import train, tune
-from palpate.cli.live import live
-from palpate.cli.recordings import convert, info, view
-from palpate.cli.simulate import simulate
-from palpate.cli.study import evaluate, paper
-from palpate.cli.track import demo, track, warm_up
-from palpate.cli.truth import truth, truth_camera, truth_print
+from palpate.cli.recordings import calibrate, convert, info, view
+from palpate.cli.simulate import simulate, truth, truth_camera, truth_print
+from palpate.cli.study import evaluate, paper, train, tune
+from palpate.cli.track import demo, live, track, warm_up
 from palpate.errors import PalpateError, printable
 
 COMMANDS: Any = {
@@ -32,8 +29,10 @@ COMMANDS: Any = {
 }
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files failed. "
-    "--debug shows the traceback of an error; --version prints the version."
+    "--version prints the version."
 )
+FOR_ALL = "With --json it prints one JSON object; with --debug, an error shows its traceback."
+"""Options of every command."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -45,8 +44,8 @@ def main(args: Sequence[str] | None = None) -> int:
         if getattr(sys, name) is None:  # closed by the shell
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
     words = list(sys.argv[1:] if args is None else args)
-    debug = "--debug" in words
-    words = [word for word in words if word != "--debug"]
+    debug, as_json = "--debug" in words, "--json" in words
+    words = [word for word in words if word not in ("--debug", "--json")]
     if words == ["--version"]:
         print(f"palpate {__version__}")
         return 0
@@ -60,16 +59,17 @@ def main(args: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     gc.set_threshold(100_000, 20, 20)
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
-    command = COMMANDS.get(words[0]) if words else None
+    command: Any = COMMANDS.get(words[0]) if words else None
     try:
-        if command:  # alone, since options of all take a tenth of a second
-            code = tyro.cli(command, prog=f"palpate {words[0]}", args=words[1:], config=config)
-        else:
-            code = tyro.extras.subcommand_cli_from_dict(
-                COMMANDS, prog="palpate", description=DESCRIPTION, args=words, config=config
+        if not command:  # one alone is quicker, since options of all take a tenth of a second
+            tyro.extras.subcommand_cli_from_dict(
+                COMMANDS, prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
             )
+        about = f"{inspect.cleandoc(command.__doc__).partition('Args:')[0]}{FOR_ALL}"
+        made = tyro.cli(command, prog=f"palpate {words[0]}", description=about, args=words[1:], config=config)
+        made.print(as_json)
         sys.stdout.flush()
-        return code
+        return made.code
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader, such as `head`, has ended

@@ -45,7 +45,6 @@ RecordingsFolder: TypeAlias = Annotated[
     Path, arg("DIR", help="Folder of recordings in any known format; folders in it are searched too.")
 ]
 Force: TypeAlias = Annotated[bool, tyro.conf.arg(help="Replace existing output.")]
-Json: TypeAlias = Annotated[bool, tyro.conf.arg(help="Print one JSON object.")]
 Sensor: TypeAlias = Annotated[str, tyro.conf.arg(metavar="NAME", help="Sensor profile: digit or gelsight-mini.")]
 Orientation: TypeAlias = Annotated[
     str,

@@ -1,15 +1,18 @@
-"""`palpate info`, `convert` and `view`: the content of files, and other formats of it, of which one is Rerun's."""
+"""`palpate info`, `convert`, `view` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
 
+import math
+import re
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from palpate.cli.console import print_line, progress_bar, report
-from palpate.cli.options import Bag, Force, Json, Orientation, Sensor, arg, check_new
+from palpate.cli.console import Report, progress_bar
+from palpate.cli.options import Bag, Force, Orientation, Sensor, arg, check_new
 from palpate.errors import FileError, SettingError, printable
 
 if TYPE_CHECKING:
     from palpate.touch.calibration import Calibration
+    from palpate.types.images import Image
 
 
 def info(
@@ -18,8 +21,7 @@ def info(
     *,
     sensor: Sensor = "digit",
     orientation: Orientation = "",
-    json: Json = False,
-) -> int:
+) -> Report:
     """Show the contents of a recording (rates, gaps, contacts, truth), a bag or a calibration, and problems in it.
 
     Example: palpate info push.mcap
@@ -35,19 +37,16 @@ def info(
     if kind is None and file.suffix.lower() == ".npz":
         from palpate.touch.calibration import load_calibration
 
-        about = about_calibration(load_calibration(file))
-        report(json, file.name, {"file": str(file), "format": "calibration", **about})
+        about = {"format": "calibration", **about_calibration(load_calibration(file))}
     elif kind == "bag":
         with progress_bar(f"inspecting {file.name}"):
-            about = _about_bag(file, sensor, orientation)
-        report(json, file.name, {"file": str(file), "format": "bag", **about})
+            about = {"format": "bag", **_about_bag(file, sensor, orientation)}
     else:
         with progress_bar(f"inspecting {file.name}"):
             recording = formats.load_recording(file).oriented(orientation)
-            found = check_recording(recording)
-        about = {"file": str(file), "format": kind, "source": recording.source, "sensor": recording.sensor.name}
-        report(json, file.name, about | {"shape": shape_to_dict(recording.shape)} | found)
-    return 0
+            about = {"format": kind, "source": recording.source, "sensor": recording.sensor.name}
+            about |= {"shape": shape_to_dict(recording.shape), **check_recording(recording)}
+    return Report(file.name, {"file": str(file), **about})
 
 
 def convert(
@@ -56,9 +55,8 @@ def convert(
     /,
     *,
     force: Force = False,
-    json: Json = False,
     bag: Bag = Bag(),
-) -> int:
+) -> Report:
     """Convert a bag or a recording of another format to a recording of palpate.
 
     Example: palpate convert robot.bag push.mcap --shape 0.09x0.06
@@ -75,8 +73,7 @@ def convert(
     with progress_bar(f"converting {source.name}"):
         found = bag.read(source)[0]
         write_recording(found, target, overwrite=force)
-    report(json, target.name, {"in": str(source), "out": str(target), "frames": len(found)})
-    return 0
+    return Report(target.name, {"in": str(source), "out": str(target), "frames": len(found)})
 
 
 def view(
@@ -85,7 +82,7 @@ def view(
     *,
     save: Annotated[Path | None, arg("FILE.rrd", "<name>.rrd")] = None,
     force: Force = False,
-) -> int:
+) -> Report:
     """Write a run or a recording for Rerun: the push from above, touch and status over time.
 
     Example: palpate view runs/push && rerun push.rrd
@@ -100,8 +97,8 @@ def view(
     check_new(file, force)
     with progress_bar(f"reading {path.name}"):
         write_view(path, file, force)
-    print_line(f"{file}: open it with `rerun {file}`, which a computer with a display and rerun-sdk 0.41 has")
-    return 0
+    note = f"{file}: open it with `rerun {file}`, which a computer with a display and rerun-sdk 0.41 has"
+    return Report("view", {"file": str(file)}, notes=[note])
 
 
 def about_calibration(calibration: "Calibration") -> dict[str, Any]:
@@ -149,3 +146,99 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
         "damaged_images": damaged,
         "advice": f"palpate track {found.path}{options} --shape NAME|FILE --first-pose X Y THETA",
     }
+
+
+def metres(words: str) -> float:
+    """Return a length such as 8mm [m]; raises SettingError on anything else."""
+    from palpate.checks import METRES
+    from palpate.files import numbers_of
+
+    found = re.fullmatch(r"\s*([0-9.]+)\s*(mm|cm|m|in)\s*", words)
+    number = numbers_of([found[1]]) if found else None
+    if not found or not number or number[0] <= 0.0:
+        raise SettingError(f"--ruler: found the length {words!r}; expected a number above 0 and its unit, such as 8mm")
+    return number[0] * METRES[found[2]]
+
+
+def calibrate(
+    file: Annotated[Path | None, arg("[FILE]", "none")] = None,
+    /,
+    *,
+    out: Annotated[Path, arg("UNIT.npz")],
+    presses: Annotated[Path | None, arg("PRESSES.csv", "none")] = None,
+    untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
+    ruler: Annotated[tuple[str, Path] | None, arg("LENGTH IMAGE", "none")] = None,
+    sensor: Sensor = "digit",
+    orientation: Orientation = "",
+    model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
+    force: Force = False,
+) -> Report:
+    """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses their orientation.
+
+    Untouched images are files, or the frames of a recording that its contact flags call untouched (all frames if it has
+    no flags).
+
+    Example: palpate calibrate --presses presses.csv --untouched still.png --out unit.npz
+
+    Args:
+        file: A recording with images, some of them without contact.
+        out: File of the calibration.
+        presses: Five or more presses, which also show errors of directions: a CSV of images (column file) at known
+            contact angles (column angle_deg) or places along the pad's width (column place_mm) or, with the column file
+            alone, by hand in order from -y to +y, which finds left and right only.
+        untouched: Images of the untouched gel, in place of FILE.
+        ruler: Distance of two edges, such as a caliper's jaws, or balls that are pressed in side by side across the
+            image, as 8mm, and the image that shows them.
+        model: Folder of the touch model that reads the presses.
+    """
+    from palpate import io as formats
+    from palpate.files import in_file
+    from palpate.touch.background import background_of
+    from palpate.touch.calibration import Calibration, write_calibration
+    from palpate.touch.cells import is_grey
+    from palpate.touch.pipeline import GREY
+    from palpate.touch.press_calibration import (
+        learn_from_presses,
+        read_presses,
+        untouched_images,
+        with_ruler,
+    )
+    from palpate.touch.touch_model import TouchModel, shipped_model
+    from palpate.types.images import camera_view, fitted, read_image
+    from palpate.types.sensor import known_sensor
+
+    if (file is None) == (not untouched):
+        raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
+    check_new(out, force)
+    recording = formats.load_recording(file).oriented(orientation) if file else None
+    profile = recording.sensor if recording else known_sensor(sensor)
+    size, view = (profile.image_height, profile.image_width), camera_view(orientation)
+
+    def look(path: Path) -> "Image":
+        with in_file(path):
+            return fitted(read_image(path), size, view)
+
+    scale = (look(ruler[1]), metres(ruler[0])) if ruler else None
+    still = list(untouched_images(recording) if recording else map(look, untouched))
+    numbers: dict[str, Any] = {"untouched": len(still)}
+    if presses is None:
+        calibration = Calibration(background_of(still))
+        if ruler and scale:
+            with in_file(ruler[1]):
+                calibration = with_ruler(calibration, *scale, profile)
+    else:
+        pressed = read_presses(presses, look, profile)
+        with in_file(presses):
+            if model is None and any(map(is_grey, (*still, *pressed.images))):
+                raise FileError(GREY)
+            reader = TouchModel(model) if model else shipped_model(profile.name)
+            fit = learn_from_presses(pressed, still, profile, reader, scale)
+        calibration = fit.calibration
+        numbers |= {"presses": len(pressed.images), "keeps_left_and_right": calibration.view.keeps_left_and_right}
+        numbers["scatter_deg"] = math.degrees(fit.scatter)
+    write_calibration(calibration, out, overwrite=force)
+    files = {"file": file and str(file), "out": str(out)}
+    notes = [] if presses is None else ["Presses find left and right only; up and down may be wrong."]
+    if presses and not calibration.view.keeps_left_and_right:
+        notes += ["Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y."]
+    return Report("calibration", files | numbers | about_calibration(calibration), notes=notes)

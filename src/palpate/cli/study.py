@@ -1,24 +1,28 @@
-"""`palpate evaluate` and `palpate paper`: studies of many recordings, and the paper's experiments."""
+"""`palpate evaluate`, `paper`, `train` and `tune`: studies of many recordings, and what is learnt from them."""
 
 import shlex
 import sys
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from palpate.cli.console import complain, print_json, progress_bar, report
+from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import (
+    NOISE,
     Estimator,
-    Json,
     RecordingsFolder,
     SensorUnit,
     Tactile,
+    Touch,
     Workers,
     arg,
     check_torch,
 )
-from palpate.errors import SettingError
+from palpate.errors import FileError, SettingError
+
+if TYPE_CHECKING:
+    from palpate.lab.tune.tuning import Tuning
 
 SHOWN = (
     *("final_mm", "final_deg", "contact_inside_95", "final_inside_95", "silently_wrong", "nats", "ambiguous"),
@@ -44,8 +48,7 @@ def evaluate(
     estimator: Estimator = Estimator(),
     work: Workers = Workers(),
     resume: bool = False,
-    json: Json = False,
-) -> int:
+) -> Report:
     """Track many recordings by many methods; write tables and figures.
 
     Example: palpate evaluate recordings --out report --workers 2
@@ -75,15 +78,12 @@ def evaluate(
     if study.trials:
         with progress_bar("drawing figures"):
             write_figures(out / "figures", study.trials)
-    if json:
-        print_json({"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}})
-    else:
-        counts = {key: results["study"][key] for key in ("trials", "kept", "skipped", "failed", "wall_s")}
-        reasons = Counter(each["reason"] for each in results["skipped"])
-        table = results["table"].get(ALL, {})
-        rows = {method: {key: row[key] for key in SHOWN} for method, row in table.items()}
-        report(json, "study", {"report": str(out), **counts, "reasons": dict(reasons), ALL: rows})
-    return 3 if study.failed else 0
+    found = {"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}}
+    counts = {key: results["study"][key] for key in ("trials", "kept", "skipped", "failed", "wall_s")}
+    reasons = Counter(each["reason"] for each in results["skipped"])
+    rows = {method: {key: row[key] for key in SHOWN} for method, row in results["table"].get(ALL, {}).items()}
+    shown = {"report": str(out), **counts, "reasons": dict(reasons), ALL: rows}
+    return Report("study", found, shown, code=3 if study.failed else 0)
 
 
 def paper(
@@ -92,8 +92,7 @@ def paper(
     full: bool = False,
     seed: Annotated[int, arg("N")] = 0,
     workers: Workers = Workers(),
-    json: Json = False,
-) -> int:
+) -> Report:
     """Repeat the paper's experiments on simulated pushes: Table II, tracking by mode, figures 5 to 8 and 10 to 12.
 
     Example: palpate paper --out paper --workers 2
@@ -111,5 +110,131 @@ def paper(
     settings = replace(FULL if full else StudySettings(), seed=seed)
     results = run(out, settings, progress_bar, workers.workers, workers.dask)
     tables = {"table2": results["table2"], "tracking": results["tracking"]}
-    report(json, "experiments of the paper", tables if json else {"folder": str(out), **tables})
-    return 0
+    return Report("experiments of the paper", tables, {"folder": str(out), **tables})
+
+
+def train(
+    source: Annotated[Path, arg("DIR|PRESSES.csv")],
+    /,
+    *,
+    out: Annotated[Path, arg("MODEL")],
+    start: Annotated[Path | None, arg("MODEL", "from nothing", name="from")] = None,
+    calibration: Annotated[Path | None, arg("UNIT.npz", "images are as they are")] = None,
+    test: Annotated[Path | None, arg("DIR", "a share of DIR that is left out")] = None,
+    untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
+    sensor: Annotated[str | None, arg("NAME", "none")] = None,
+    seed: Annotated[int, arg("N")] = 0,
+    steps: Annotated[int | None, arg("N", "4000; 300 with --from or presses")] = None,
+    workers: Annotated[int, arg("N")] = 1,
+    resume: bool = False,
+) -> Report:
+    """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others.
+
+    Example: palpate train recordings --out model
+
+    Args:
+        source: Folder of recordings, or a table of presses (columns file, angle_deg) for a model of directions alone.
+        out: Folder of the model.
+        start: Go on from this model, to fit it to another sensor unit.
+        calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
+        test: Recordings to judge the model by.
+        untouched: With presses: images of the untouched gel.
+        sensor: With presses: the name of the sensor's profile.
+        seed: Of weights, batches and what is left out.
+        steps: Most steps of each descent.
+        workers: Processes that read recordings.
+        resume: Go on with a training that was cut off.
+    """
+    check_torch("training", "train", "onnxscript", "torch")
+    from palpate.files import in_file
+    from palpate.lab.study.recordings import find_recordings
+    from palpate.lab.train.train import TrainSettings, train_on_presses
+    from palpate.lab.train.train import train as train_model
+    from palpate.touch.calibration import load_calibration
+    from palpate.touch.press_calibration import read_presses
+    from palpate.types.images import read_image
+
+    settings = TrainSettings(seed=seed, steps=steps, workers=workers)
+    if source.suffix.lower() == ".csv":
+        if not untouched or not sensor or start or calibration or test:
+            raise SettingError("train: presses (.csv) take --untouched and --sensor, not --from, --calibration, --test")
+        still, presses = [read_image(path) for path in untouched], read_presses(source)
+        with in_file(source):
+            results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
+    else:
+        if untouched or sensor:
+            raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
+        files, tested = list(find_recordings(source).values()), list(find_recordings(test).values()) if test else ()
+        unit = calibration and load_calibration(calibration)
+        results = train_model(files, out, settings, progress_bar, start, tested, resume, unit)
+    left_out = results.get("recordings", {}).get("left_out", {})
+    for why in left_out.values():
+        complain(f"left out: {why}")
+    return Report("training", {"model": str(out), **results}, code=3 if left_out else 0)
+
+
+def tune(
+    folder: RecordingsFolder,
+    /,
+    *,
+    out: Annotated[Path, arg("FILE")],
+    touch: Touch = Touch(tactile="learnt"),
+    start: Annotated[str, arg(NOISE)] = "palpate",
+    evaluations: Annotated[int, arg("N")] = 100,
+    workers: Annotated[int, arg("N")] = 1,
+) -> Report:
+    """Learn noise settings from recordings with ground truth; a fourth of them is held out to judge the result.
+
+    Example: palpate tune recordings --out noise.json --workers 2
+
+    Args:
+        out: File of the settings (.json), for --noise of other commands.
+        touch: Measurements of touch; auto is learnt where there are images, else oracle.
+        start: Settings to start from; the file of a tuning continues it.
+        evaluations: Number of times that all recordings are tracked.
+        workers: Processes that share the work.
+    """
+    from palpate.config import TrackerSettings, noise_of, write_noise
+    from palpate.files import new_file
+    from palpate.lab.study.recordings import find_recordings
+    from palpate.lab.tune.recorded_touch import record_touch_of_files
+    from palpate.lab.tune.tuning import check_evaluations, is_held_out
+    from palpate.lab.tune.tuning import tune as tune_settings
+
+    settings = TrackerSettings(tactile=touch.tactile, noise=noise_of(start))
+    check_evaluations(evaluations)
+    model, unit = touch.load(touch.tactile)
+    if out.exists() and out != Path(start):
+        raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
+    new_file(out, overwrite=True)
+    files = find_recordings(folder)
+    with progress_bar("reading touch", len(files)) as progress:
+        recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit)
+    for error in left_out.values():
+        complain(f"left out: {error}")
+    about = {
+        "tactile": touch.tactile,
+        "start": start,
+        "recordings": [name for index, name in enumerate(recorded) if not is_held_out(index)],
+        "held_out": [name for index, name in enumerate(recorded) if is_held_out(index)],
+    }
+
+    def keep(tuning: "Tuning") -> dict[str, Any]:
+        """Write the settings of a tuning, and return what is said of it."""
+        show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
+        names = ("before", "after", "held_out_before", "held_out_after")
+        judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
+        found = about | {
+            "evaluations": tuning.evaluations,
+            "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
+            **{name: one and asdict(one) for name, one in zip(names, judged, strict=True)},
+        }
+        write_noise(tuning.settings.noise, out, found, overwrite=True)
+        return found
+
+    with progress_bar("tuning", evaluations) as show:
+        tuning = tune_settings(list(recorded.values()), settings, evaluations, workers, keep)
+        tuned = keep(tuning)
+    tuned = {"out": str(out), **tuned}
+    noise = {"noise": asdict(tuning.settings.noise), "left_out": left_out}
+    return Report("tuning", tuned | noise, tuned, code=3 if left_out else 0)

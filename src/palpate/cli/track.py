@@ -1,22 +1,26 @@
-"""`palpate track`, `demo` and `warm-up`: track recordings, leave a folder for each and print its scores."""
+"""`palpate track`, `live`, `demo` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from palpate.cli.console import print_line, progress_bar, report
-from palpate.cli.options import Bag, Estimator, Force, Json, Start, Touch, arg
-from palpate.errors import PalpateError
+from palpate.cli.console import Report, complain, progress_bar
+from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg, check_new
+from palpate.errors import PalpateError, SettingError
 
 if TYPE_CHECKING:
     from palpate.types.recording import Recording
 
+SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
+"""Columns of the table of several runs."""
+
 
 def track(
-    file: Annotated[Path, arg("FILE")],
+    files: Annotated[tuple[Path, ...], arg("FILE [FILE ...]", "required")],
     /,
     *,
-    json: Json = False,
     start: Start = Start(),
     touch: Touch = Touch(),
     estimator: Estimator = Estimator(),
@@ -25,14 +29,14 @@ def track(
     mcap: bool = False,
     html: bool = False,
     force: Force = False,
-) -> int:
+) -> Report:
     """Track the object of a recording, and write poses, covariances, scores and a figure to a folder.
 
     Example: palpate track push.mcap --first-pose 0.1 0 0.3 --first-pose-sigma 0.01 0.01 0.1
 
     Args:
-        file: A recording in any known format, or a bag of ROS messages.
-        out: Folder of the run.
+        files: Recordings in any known format, or bags of ROS messages.
+        out: Folder of the run; of several files, the folder of their runs.
         mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
         html: Write a page that shows the push in any browser, page.html.
     """
@@ -41,29 +45,42 @@ def track(
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
     from palpate.pipeline.track import track as track_recording
     from palpate.types.space import flat
+    from palpate.viewer.page import write_page
 
-    folder = out or Path("runs") / ((file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name)
+    if not files:
+        raise SettingError("track takes a recording or several: palpate track FILE ...")
     settings = estimator.settings(touch.tactile)
     first_pose, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
     known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
-    with new_run(folder, force) as part:
-        recording, plane = bag.read(file)
-        if mcap:
-            nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
-        with progress_bar(file.name, len(recording)) as progress:
-            run = track_recording(recording, settings, first_pose, **known, progress=progress)
-        write_files(run, part, (plane or flat()) if mcap else None)
-        if html:
-            from palpate.viewer.page import write_page
+    runs: dict[Path, dict[str, Any]] = {}
+    for file in files:
+        name = (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
+        folder = out if out and len(files) == 1 else (out or Path("runs")) / name
+        try:
+            with new_run(folder, force) as part:
+                recording, plane = bag.read(file)
+                if mcap:
+                    nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
+                with progress_bar(file.name, len(recording)) as progress:
+                    run = track_recording(recording, settings, first_pose, **known, progress=progress)
+                write_files(run, part, (plane or flat()) if mcap else None)
+                if html:
+                    with drawing(PAGE):
+                        write_page(run, part / PAGE)
+            runs[folder] = run.summary
+        except PalpateError as error:
+            if len(files) == 1:
+                raise
+            complain(f"{file}: {str(error).removeprefix(f'{file}: ')}")
+    if len(files) == 1:
+        return run_report(*runs.popitem())
+    shown = {str(folder): {key: summary[key] for key in SHOWN} for folder, summary in runs.items()}
+    data = {"runs": {str(folder): summary for folder, summary in runs.items()}}
+    return Report("runs", data, {"runs": shown}, code=3 if len(runs) < len(files) else 0)
 
-            with drawing(PAGE):
-                write_page(run, part / PAGE)
-    report_run(run.summary, folder, json)
-    return 0
 
-
-def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = False) -> int:
+def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run")) -> Report:
     """Simulate a push with touch images and track it; shows a table and writes a figure in well under a minute.
 
     Example: palpate demo --out demo-run
@@ -81,10 +98,7 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run"), json: Json = Fa
         with progress_bar("tracking", len(recording)) as progress:
             run = track_recording(recording, TrackerSettings("learnt"), progress=progress)
         write_files(run, part)
-    if not json:
-        print_line(f"A DIGIT pushes a rectangle in simulation. The recording: {out / RECORDING}")
-    report_run(run.summary, out, json)
-    return 0
+    return run_report(out, run.summary, f"A DIGIT pushes a rectangle in simulation. The recording: {out / RECORDING}")
 
 
 def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
@@ -97,33 +111,109 @@ def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording"
     return simulation.run(progress)
 
 
-def report_run(summary: dict[str, Any], folder: Path, json: bool) -> None:
-    """Print the summary of one run."""
+def run_report(folder: Path, summary: dict[str, Any], *notes: str) -> Report:
+    """Return the result of one run, with its final pose in words for people."""
     from palpate.pipeline.metrics import pose_words
 
-    final = {} if json else {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
-    report(json, "run", summary | final)
-    if not json:
-        print_line(f"run: {folder}   figure: {folder / 'figure.png'}")
+    shown = summary | {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
+    return Report("run", summary, shown, (*notes, f"run: {folder}   figure: {folder / 'figure.png'}"))
 
 
-def warm_up(*, json: Json = False) -> int:
+def warm_up() -> Report:
     """Compile what tracking needs and keep it, such as while a container image is built.
 
     Example: palpate warm-up
     """
-    import numpy as np
-
-    from palpate import DIGIT, Disc, Frame, Tracker
+    from palpate import DIGIT, Disc, Tracker, TrackerSettings
     from palpate.graph.compiled import folder_of
     from palpate.graph.gauss_newton import improve
 
     if (folder := folder_of(improve)) is None:
         raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
-    tracker, random = Tracker(Disc(0.05), DIGIT, None), np.random.default_rng(0)
-    for index in range(30):  # images of an untouched gel, then of one that is pressed
-        image = random.integers(100, 120, (DIGIT.image_height, DIGIT.image_width, 3), np.uint8)
-        image[80:200, 60:160] += np.uint8(0 if index < 25 else 100)
-        tracker.update(Frame(index / DIGIT.rate, np.array([0.001 * min(index, 25) - 0.1, 0.0, 0.0]), image=image))
-    report(json, "compiled code", {"folder": str(folder)})
-    return 0
+    Tracker(Disc(0.05), DIGIT, None, TrackerSettings("learnt"))
+    return Report("compiled code", {"folder": str(folder)})
+
+
+def live(
+    *,
+    camera: Annotated[str | None, arg("SERIAL|N|PATH", "none; or --replay")] = None,
+    poses: Annotated[str | None, arg("udp:PORT", "none; --camera needs it")] = None,
+    replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
+    record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
+    seconds: Annotated[float | None, arg("S", "until Ctrl-C")] = None,
+    force: Force = False,
+    start: Start = Start(),
+    touch: Touch = Touch(),
+    bag: Bag = Bag(),
+) -> Report:
+    """Track as it happens: the newest image with the sensor's pose at its time; Ctrl-C ends it.
+
+    A line shows status and pose; images that arrive faster than they are tracked are dropped and counted.
+
+    Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
+
+    Args:
+        camera: Camera of a DIGIT, or a video or a folder of images in its place.
+        poses: Sensor poses: JSON by UDP on this machine.
+        replay: A recording or a bag, played in real time.
+        record: Record images, sensor poses and estimates; a kill loses at most the last second.
+        seconds: End after this time [s].
+    """
+    from palpate.config import NoiseSettings, TrackerSettings
+    from palpate.io.outlines import load_shape
+    from palpate.live.camera import camera_sources
+    from palpate.live.session import LiveSession, recorder, stop_on_signals
+    from palpate.live.sources import replayed
+    from palpate.pipeline.metrics import pose_words, world_sigma
+    from palpate.pipeline.track import first_pose_of
+    from palpate.touch.calibration import turned_as
+    from palpate.tracker import Tracker
+    from palpate.types.estimate import Estimate
+    from palpate.types.sensor import DIGIT
+    from palpate.types.space import Placement
+
+    if touch.tactile == "oracle":
+        raise SettingError("--tactile oracle needs ground truth, which is unknown live")
+    if seconds is not None and not seconds > 0.0:
+        raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
+    if (camera is None) == (replay is None) or (camera is None) != (poses is None):
+        raise SettingError("live takes either --camera with --poses, or --replay FILE")
+    if record:
+        check_new(record, force)
+    first: Any
+    first, sigma = start.pose_and_sigma()
+    model, unit = touch.load(touch.tactile)
+    with ExitStack() as stack:
+        if camera and poses:
+            if bag.shape is None or first is None:
+                raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
+            placement = {field.name: getattr(bag, field.name) for field in fields(Placement)}
+            if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit, **placement):
+                words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
+                raise SettingError(f"--camera: of the options for bags, only {words} apply")
+            name, shape = f"camera {camera}", load_shape(bag.shape, bag.shape_unit)
+            with progress_bar("looking for images and poses"):
+                opened = camera_sources(camera, poses, turned_as(DIGIT, unit), Placement(**placement))
+                sources = stack.enter_context(opened)
+        else:
+            assert replay is not None
+            name, (recording, _) = replay.name, bag.read(replay)
+            shape, sources = recording.shape, replayed(recording)
+            first, sigma = first_pose_of(recording, NoiseSettings(), first, sigma)
+        settings = TrackerSettings(touch.tactile)
+        sensor = turned_as(sources.sensor, unit)
+        tracker = Tracker(shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
+        keep = record and stack.enter_context(recorder(record, shape, sources.sensor, force))
+        stop = stack.enter_context(stop_on_signals())
+        session = LiveSession(tracker, sources, complain)
+        bar = stack.enter_context(progress_bar(name))
+
+        def listen(item: Any) -> None:
+            if keep:
+                keep(item)
+            if isinstance(item, Estimate):
+                words = pose_words(item.pose, world_sigma(item.pose, item.covariance))
+                bar(session.counts["tracked"], f"{item.status} {item.reason} {words}")
+
+        session.run(stop, listen, float("inf") if seconds is None else seconds)
+    return Report("live", session.summary(), notes=[f"recorded: {record}"] if record else ())
