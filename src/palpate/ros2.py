@@ -135,6 +135,10 @@ class Topics(MessageSink):
         self._node, self._place, self._view = node, GelPoses(self.placement), camera_view(self.placement.orientation)
         self._clock = node.get_clock()
         self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
+        self.images = partial(self._messages, IMAGES, IMAGE_TYPES, self._image)
+        """The source of touch images; raises FileError if they are no colour images."""
+        self.poses = partial(self._messages, SENSOR_POSES, POSE_TYPES, self._pose)
+        """The source of sensor poses."""
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
             for topic, type_ in TOPICS.items()
@@ -143,14 +147,6 @@ class Topics(MessageSink):
     def now(self) -> float:
         """Return the time of ROS, which may be simulated [s], after the session's start."""
         return (self._clock.now().nanoseconds - self._start) * 1e-9
-
-    def images(self, stop: threading.Event) -> Iterator[TouchImage | str]:
-        """Yield touch images as they arrive and notes for the user. Raises FileError if they are no colour images."""
-        return self._messages(IMAGES, IMAGE_TYPES, self._image, stop)
-
-    def poses(self, stop: threading.Event) -> Iterator[TimedPose | Refused | str]:
-        """Yield sensor poses as they arrive, with refusals and notes for the user."""
-        return self._messages(SENSOR_POSES, POSE_TYPES, self._pose, stop)
 
     def _messages(
         self, topic: str, types: Collection[str], convert: Callable[[Any], Any], stop: threading.Event

@@ -1,7 +1,6 @@
 """`palpate info`, `convert`, `view` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
 
 import math
-import re
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -148,18 +147,6 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     }
 
 
-def metres(words: str) -> float:
-    """Return a length such as 8mm [m]; raises SettingError on anything else."""
-    from palpate.checks import METRES
-    from palpate.files import numbers_of
-
-    found = re.fullmatch(r"\s*([0-9.]+)\s*(mm|cm|m|in)\s*", words)
-    number = numbers_of([found[1]]) if found else None
-    if not found or not number or number[0] <= 0.0:
-        raise SettingError(f"--ruler: found the length {words!r}; expected a number above 0 and its unit, such as 8mm")
-    return number[0] * METRES[found[2]]
-
-
 def calibrate(
     file: Annotated[Path | None, arg("[FILE]", "none")] = None,
     /,
@@ -192,17 +179,12 @@ def calibrate(
         model: Folder of the touch model that reads the presses.
     """
     from palpate import io as formats
-    from palpate.files import in_file
+    from palpate.files import in_file, numbers_of
     from palpate.touch.background import background_of
     from palpate.touch.calibration import Calibration, write_calibration
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
-    from palpate.touch.press_calibration import (
-        learn_from_presses,
-        read_presses,
-        untouched_images,
-        with_ruler,
-    )
+    from palpate.touch.press_calibration import learn_from_presses, read_presses, untouched_images, with_ruler
     from palpate.touch.touch_model import TouchModel, shipped_model
     from palpate.types.images import camera_view, fitted, read_image
     from palpate.types.sensor import known_sensor
@@ -218,7 +200,10 @@ def calibrate(
         with in_file(path):
             return fitted(read_image(path), size, view)
 
-    scale = (look(ruler[1]), metres(ruler[0])) if ruler else None
+    length = numbers_of([ruler[0].removesuffix("mm")]) if ruler and ruler[0].endswith("mm") else None
+    if ruler and not (length and length[0] > 0.0):
+        raise SettingError(f"--ruler: found the length {ruler[0]!r}; expected a number above 0 in mm, such as 8mm")
+    scale = (look(ruler[1]), 1e-3 * length[0]) if ruler and length else None
     still = list(untouched_images(recording) if recording else map(look, untouched))
     numbers: dict[str, Any] = {"untouched": len(still)}
     if presses is None:

@@ -3,7 +3,7 @@
 import shlex
 import sys
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,20 +31,13 @@ SHOWN = (
 """Columns of the table that is printed, by their keys in `results.json`."""
 
 
-@dataclass(frozen=True)
-class Methods(SensorUnit):
-    """Ways to track, and the model and calibration of the sensor that made all recordings."""
-
-    tactile: Annotated[tuple[Tactile, ...], arg("MODE...")] = ("none", "learnt", "oracle")
-    """Sources of touch measurements, as in palpate track."""
-
-
 def evaluate(
     folder: RecordingsFolder,
     /,
     *,
     out: Annotated[Path, arg("REPORT")],
-    methods: Methods = Methods(),
+    tactile: Annotated[tuple[Tactile, ...], arg("MODE...")] = ("none", "learnt", "oracle"),
+    unit: SensorUnit = SensorUnit(),
     estimator: Estimator = Estimator(),
     work: Workers = Workers(),
     resume: bool = False,
@@ -55,6 +48,7 @@ def evaluate(
 
     Args:
         out: Folder of the report.
+        tactile: Sources of touch measurements, as in palpate track.
         resume: Continue a study: keep the trials that exist.
     """
     from palpate.lab.study.figures import write_figures
@@ -62,8 +56,8 @@ def evaluate(
     from palpate.lab.study.results import ALL, results_of, write_results
     from palpate.lab.study.study import StudySettings, run_study
 
-    ways = tuple(dict.fromkeys(methods.tactile))
-    settings = StudySettings(ways, estimator.settings("none"), *methods.load(*methods.tactile))
+    ways = tuple(dict.fromkeys(tactile))
+    settings = StudySettings(ways, estimator.settings("none"), *unit.load(*ways))
     files = find_recordings(folder, leave_out=out)
     with progress_bar("tracking", len(files) * len(ways)) as progress:
         study = run_study(files, out, settings, work.workers, work.dask, resume, progress)
@@ -233,8 +227,5 @@ def tune(
         return found
 
     with progress_bar("tuning", evaluations) as show:
-        tuning = tune_settings(list(recorded.values()), settings, evaluations, workers, keep)
-        tuned = keep(tuning)
-    tuned = {"out": str(out), **tuned}
-    noise = {"noise": asdict(tuning.settings.noise), "left_out": left_out}
-    return Report("tuning", tuned | noise, tuned, code=3 if left_out else 0)
+        tuned = keep(tune_settings(list(recorded.values()), settings, evaluations, workers, keep))
+    return Report("tuning", {"out": str(out), **tuned, "left_out": left_out}, code=3 if left_out else 0)

@@ -14,6 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -120,26 +121,16 @@ class PoseTrack:
         if (age := time - last.time) > 0.15:
             return Refused(f"the last one before it is {age:.2f} s older, allowed are 0.15 s")
         if count < len(self._poses):
-            return _on_line(last, self._poses[count], time)
-        earlier = next(pose for pose in self._poses if pose.time >= last.time - 0.05)
-        return last.pose if earlier is last else _on_line(earlier, last, time)
-
-
-def _on_line(start: TimedPose, end: TimedPose, time: float) -> Array:
-    """Return the pose at a time [s] on the straight line through two poses, turning by less than half a turn."""
-    step = end.pose - start.pose
-    step[2] = se2.wrap(step[2])
-    pose = start.pose + (time - start.time) / (end.time - start.time) * step
-    pose[2] = se2.wrap(pose[2])
-    return pose
-
-
-def in_time(times: Iterable[float], clock: Clock, stop: threading.Event) -> Iterator[float]:
-    """Yield each time [s] when the clock reaches it; ends at the event."""
-    for when in times:
-        if stop.wait(max(0.0, when - clock.now())):
-            return
-        yield when
+            start, end = last, self._poses[count]
+        else:
+            start, end = next(pose for pose in self._poses if pose.time >= last.time - 0.05), last
+        if start is end:
+            return last.pose
+        step = end.pose - start.pose
+        step[2] = se2.wrap(step[2])  # the shorter turn
+        pose = start.pose + (time - start.time) / (end.time - start.time) * step
+        pose[2] = se2.wrap(pose[2])
+        return pose
 
 
 def replayed(recording: Recording) -> Sources:
@@ -155,13 +146,15 @@ def replayed(recording: Recording) -> Sources:
     times = (recording.time - min(recording.time[0], 0.0)).tolist()
     clock = Clock(times[0] - 0.05)  # a moment for the threads to start
 
-    def play_images(stop: threading.Event) -> Iterator[TouchImage]:
-        return map(TouchImage, in_time(times, clock, stop), images)
+    def play(kind: Any, values: Iterable[Any], stop: threading.Event) -> Iterator[Any]:
+        """Yield each value when the clock reaches its time."""
+        for when, value in zip(times, values, strict=True):
+            if stop.wait(max(0.0, when - clock.now())):
+                return
+            yield kind(when, value)
 
-    def play_poses(stop: threading.Event) -> Iterator[TimedPose]:
-        return map(TimedPose, in_time(times, clock, stop), recording.sensor_pose)
-
-    return Sources(play_images, play_poses, clock.now, recording.sensor)
+    images_of, poses_of = partial(play, TouchImage, images), partial(play, TimedPose, recording.sensor_pose)
+    return Sources(images_of, poses_of, clock.now, recording.sensor)
 
 
 @contextmanager

@@ -103,7 +103,8 @@ def is_far(translation: Array, rotation: Array) -> Flags:
 
 def rms(errors: ArrayLike) -> float | None:
     """Return the root mean square of errors (N,) without NaN; None if there are none."""
-    return None if (known := _known(errors)) is None else float(np.sqrt(np.mean(known**2)))
+    mean = _mean(np.square(np.asarray(errors, np.float64)))
+    return None if mean is None else float(np.sqrt(mean))
 
 
 def percentiles(values: ArrayLike) -> dict[str, float]:
@@ -147,7 +148,6 @@ def summarise(
     scored = np.flatnonzero(np.isfinite(translation))
     last = int(scored[-1]) if len(scored) else None
     squared = nees(online.pose, covariance, truth)
-    consistency = _known(squared)
     inside, since = inside_95(squared), since_contact(contact, squared)
     scored_contact, wide = since & contact, deviations(covariance)[0]
     nats = log_likelihood(squared, covariance)[scored_contact]
@@ -167,7 +167,7 @@ def summarise(
         "rotation_rmse_deg": rms(rotation),
         "final_translation_error_mm": None if last is None else float(translation[last]),
         "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
-        "nees_mean": None if consistency is None else float(np.mean(consistency)),
+        "nees_mean": _mean(squared),
         "nats": _mean(nats),
         "nats_rescaled": _mean(nats + gain_by_rescaling(squared[scored_contact])) if len(nats) else None,
         "crps_mm": _mean(1e3 * crps(along, axes)),
@@ -191,10 +191,6 @@ def since_contact(contact: Flags, nees: Array) -> Flags:
 
 
 def _mean(values: Array | Flags) -> float | None:
-    return float(np.mean(values)) if len(values) else None
-
-
-def _known(values: ArrayLike) -> Array | None:
-    values = np.asarray(values, dtype=np.float64)
+    """Return the mean of values (N,) without NaN; None if there are none."""
     known = values[np.isfinite(values)]
-    return known if len(known) else None
+    return float(np.mean(known)) if len(known) else None

@@ -27,12 +27,10 @@ _DIMMEST, _BRIGHTEST = 0.3, 3.0  # relative brightness
 
 def check_image(image: Image, height: int, width: int) -> None:
     """Raise SettingError unless an image is uint8 (height, width, 3)."""
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.shape != (height, width, 3):
-        is_array = isinstance(image, np.ndarray)
-        found = f"{image.dtype} {image.shape}" if is_array else type(image).__name__
-        turned = ", turned by a quarter" if is_array and image.shape == (width, height, 3) != (height, width, 3) else ""
+    if image.dtype != np.uint8 or image.shape != (height, width, 3):
+        turned = ", turned by a quarter" if image.shape == (width, height, 3) else ""
         expected = f"uint8 ({height}, {width}, 3): rows, columns, red green blue"
-        raise SettingError(f"image: found {found}{turned}; expected {expected}")
+        raise SettingError(f"image: found {image.dtype} {image.shape}{turned}; expected {expected}")
 
 
 def is_dark(image: Image | Levels) -> bool:

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol, get_args, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import Tactile, TactileChoice
+from palpate.config import TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
@@ -124,8 +124,6 @@ class TouchReader:
 
     def _check_model(self) -> None:
         """Raise SettingError if the model does not fit, and open its network now and not in a robot's loop."""
-        if self.tactile not in ("auto", *get_args(Tactile)):
-            raise SettingError(f"tactile is {self.tactile!r}; allowed are {', '.join(get_args(Tactile))}")
         wrong = self._misfit
         if "turn" not in self._factors and self.tactile not in ("auto", *MEASURE_DIRECTION):
             wrong = wrong or f"{self._model.folder} was trained on presses, which show directions alone"

@@ -85,9 +85,6 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     if sensor.pixel_pitch is None:
         raise FileError(f"a ruler measures images of a pad, and {sensor.name!r} has none")
     rows, columns = max(image.shape[0] // 10, 1), image.shape[1]
-    if image.shape != untouched.mean.shape:
-        sizes = ["{} x {}".format(*each.shape) for each in (image, untouched.mean)]
-        raise FileError(f"the ruler's image has {sizes[0]} px, and that of the untouched gel {sizes[1]}")
     change = area_means(image, rows, columns) - area_means(untouched.mean, rows, columns)
     profile, near = change.sum(axis=0), np.arange(-0.02 * columns, 0.02 * columns + 1.0)
     smooth = np.exp(-0.5 * np.square(near / (0.008 * columns)))  # two pixels of a DIGIT
@@ -179,17 +176,6 @@ class PressFit:
     """Root mean square distance of the measured directions from the line [rad]."""
 
 
-def check_alike(presses: Presses, untouched: Sequence[Image]) -> None:
-    """Raise FileError unless there are images of the untouched gel, and all images have one size."""
-    if not untouched:
-        raise FileError("found no image of the untouched gel; one or more are needed")
-    names = (*presses.names, *(f"image {number} of the untouched gel" for number in range(1, 1 + len(untouched))))
-    size = untouched[0].shape
-    for name, image in zip(names, (*presses.images, *untouched), strict=True):
-        if image.shape != size:
-            raise FileError(f"{name}: image is {image.shape[:2]}, the untouched gel {size[:2]}; rows and columns")
-
-
 def check_spread(angle: Array) -> None:
     """Raise FileError if angles (N,) [rad] are too close together to tell left from right."""
     if (spread := float(np.ptp(angle))) < SPREAD:
@@ -206,8 +192,8 @@ def learn_from_presses(
 ) -> PressFit:
     """Return the calibration by presses, given one or more images of the untouched gel as the camera gives them.
 
-    Raises FileError if presses are too few, too close together, show no touch or do not lie on a line, or if images
-    have another size than the profile's. Presses in order need a round gel. `ruler` is that of `with_ruler`.
+    All images have the profile's size, maybe turned by a quarter. Raises FileError if presses are too few, too close
+    together, show no touch or do not lie on a line. Presses in order need a round gel. `ruler` is that of `with_ruler`.
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
@@ -215,12 +201,8 @@ def learn_from_presses(
     if not is_measured and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     height, width = sensor.image_height, sensor.image_width
-    check_alike(presses, untouched)
     # A model reads exchanged channels as well, so these stay as they come.
     candidates = [view for view in views(untouched[0].shape, height, width) if view.channels == AS_IT_IS.channels]
-    if not candidates:
-        found = "images of {} x {} px".format(*untouched[0].shape)
-        raise FileError(f"{found} are not those of {sensor.name!r}, {height} x {width} px, in any turn")
     # The likeliest view, by however little: presses tell only left from right for sure, but a simpler view that was
     # nearly as likely would make errors a tenth larger.
     fits = [_fit(view, presses, untouched, sensor, model, ruler) for view in candidates]

@@ -22,7 +22,7 @@ from palpate.lab.train.networks import TouchNetwork, exported, restore
 from palpate.lab.train.samples import Samples, difference, read_samples
 from palpate.lab.train.scores import errors_of, judge, measure_spread
 from palpate.touch.calibration import Calibration
-from palpate.touch.press_calibration import Presses, check_alike, check_spread
+from palpate.touch.press_calibration import Presses, check_spread
 from palpate.touch.touch_model import (
     NETWORK,
     OUTPUTS,
@@ -164,7 +164,8 @@ def train_on_presses(
     if count < settings.fewest_presses:
         raise FileError(f"found {count} presses; at least {settings.fewest_presses} are needed to learn from")
     check_spread(presses.angle)
-    check_alike(presses, untouched)
+    if len(sizes := {image.shape[:2] for image in (*presses.images, *untouched)}) > 1:
+        raise FileError(f"images have the sizes {sorted(sizes)}; allowed is one, of presses and of the untouched gel")
     height, width = untouched[0].shape[:2]
     with held_folder(out):
         work = work_folder(out, resume)
