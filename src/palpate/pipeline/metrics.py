@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
 from palpate.types.estimate import Trajectory
-from palpate.types.recording import Recording
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -19,12 +18,6 @@ Flags = NDArray[np.bool_]
 CONTENT = ("tracking", "resting")
 """Statuses of an estimate that reports no doubt."""
 PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
-
-
-def known_truth(recording: Recording) -> Array:
-    """Return ground truth (N, 3) where it can be trusted, NaN elsewhere."""
-    truth = np.nan if recording.object_pose is None else recording.object_pose
-    return np.where(recording.trusted_truth[:, None], truth, np.full((1, 3), np.nan))
 
 
 def flag_runs(flags: Flags) -> list[tuple[int, int]]:

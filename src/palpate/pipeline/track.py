@@ -15,7 +15,7 @@ from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
-from palpate.pipeline.metrics import flag_runs, known_truth, summarise
+from palpate.pipeline.metrics import flag_runs, summarise
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
@@ -76,7 +76,7 @@ def track(
     begin = time.perf_counter()
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
-    truth = known_truth(recording)
+    truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
     tactile, has_images = settings.tactile, recording.image is not None
     for is_lacking, words in (
         (not has_images and recording.contact is None, "neither images nor contact flags, and tracking needs one"),

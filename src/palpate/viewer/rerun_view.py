@@ -17,7 +17,6 @@ from palpate.geometry.se2 import ellipses_95
 from palpate.io import load_recording
 from palpate.io.trajectories import read_estimates_csv
 from palpate.pipeline.figures import COLOURS, STATUS_COLOURS
-from palpate.pipeline.metrics import known_truth
 from palpate.types.estimate import Trajectory
 from palpate.types.images import codec_of
 from palpate.types.recording import Recording
@@ -96,9 +95,8 @@ def _send_frames(stream: rr.RecordingStream, recording: Recording, online: Traje
         if codec := codec_of(image):  # else it is damaged
             stream.set_time("time", **{kind: when})
             stream.log("touch", rr.EncodedImage(contents=image, media_type=f"image/{codec}"))
-    truth = known_truth(recording)
-    if np.isfinite(truth).any():
-        send_object("truth", truth, 2.5, 10.0)
+    if recording.trusted_truth.any() and recording.object_pose is not None:
+        send_object("truth", recording.object_pose, 2.5, 10.0)
     if online is None:
         return
     assert online.covariance is not None and online.contact is not None
