@@ -133,8 +133,8 @@ def _frames(path: Path, expected: int) -> tuple[list[bytes], int]:
     images, count = list[bytes](), 0
     try:
         for raw in mcap_messages(path):
-            if raw.channel.topic == IMAGES:
-                images.append(decoded(raw, COMPRESSED_IMAGE).data.tobytes())
+            if raw.channel[:2] == (IMAGES, COMPRESSED_IMAGE):
+                images.append(decoded(raw).data.tobytes())
             count += raw.channel.topic == SENSOR_POSES
     except CutShort as error:
         if not count:

@@ -175,14 +175,9 @@ def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
     return (whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)).tolist()
 
 
-def decoded(raw: RawMessage, type_: str | None = None) -> Any:
-    """Return the message with its fields as attributes.
-
-    Raises FileError, which names the topic, where its bytes are damaged or it is not of the expected type.
-    """
+def decoded(raw: RawMessage) -> Any:
+    """Return the message with its fields as attributes. Raises FileError that names its topic if it is damaged."""
     topic, found, encoding = raw.channel
-    if type_ is not None and found != type_:
-        raise FileError(f"{topic} holds {found or 'messages of no type'}, expected {type_}")
     store = ros_types(encoding)
     try:
         return (store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1)(raw.data, found)

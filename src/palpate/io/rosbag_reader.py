@@ -192,8 +192,6 @@ class Topic:
     """Contact flags by their times of recording [ns]."""
     damaged: int = 0
     """Number of messages that do not decode."""
-    error: FileError | None = None
-    """The first of their errors."""
 
     @property
     def is_static(self) -> bool:
@@ -277,8 +275,8 @@ def contents(path: Path) -> Contents:
                 continue
             try:
                 message = decoded(raw)
-            except FileError as error:
-                topic.damaged, topic.error = topic.damaged + 1, topic.error or error
+            except FileError:
+                topic.damaged += 1
                 continue
             if (stamp := stamp_of(message)) is not None:
                 topic.stamps.append(stamp)

@@ -120,8 +120,8 @@ def _sources(
         used = used | dict.fromkeys(names, (*POSE_TYPES, *TRANSFORM_TYPES))
     topics = [topic for topic in found.topics if topic.channel.type in used.get(topic.channel.topic, ())]
     for topic in topics:
-        if topic.error and topic.damaged == len(topic.log_times):
-            raise topic.error
+        if topic.damaged == len(topic.log_times):
+            raise FileError(f"none of {topic.damaged} messages of {topic.channel.topic} is a {topic.channel.type}")
         if topic.damaged:
             words = "%s: %d messages of %s do not decode and are left out"
             logger.warning(words, found.path, topic.damaged, topic.channel.topic)
@@ -143,7 +143,7 @@ def _check_times(topics: list[Topic], clock: Literal["header", "log"]) -> None:
         name, unstamped = topic.channel.topic, topic.stamps.count(0)
         times, kind = (topic.log_times, "times of recording") if clock == "log" else (topic.stamps, "header stamps")
         # The first message by a clock that starts at zero is no fault.
-        if clock == "header" and unstamped and (unstamped > 1 or unstamped == len(times)):
+        if clock == "header" and unstamped > (len(times) > 1):
             raise FileError(f"{unstamped} headers in {name} have a stamp of zero{advice}")
         if topic.are_equal(clock):
             raise FileError(f"{len(times)} messages in {name} have only {len(set(times))} different {kind}{advice}")

@@ -128,9 +128,9 @@ def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> 
     question = "crop and scale them to it"
     if found.shape[:2] == size[::-1]:
         question = (
-            "they lie on their side: orientation='90' (--orientation 90) turns them as digit-interface does, 270 "
+            "they lie on their side: orientation='90' (--orientation 90) turns them as digit-interface does, 270 the "
+            "other way, and scales multiples"
         )
-        question += "the other way, and scales multiples"
     raise FileError(f"found {image.shape[0]} rows and {image.shape[1]} columns, the sensor has {size}: {question}")
 
 
