@@ -25,7 +25,7 @@ import psutil
 import tyro
 
 from palpate import DIGIT, Rectangle, write_recording
-from palpate.io.estimates_mcap import POSES
+from palpate.io.estimates import POSES
 from palpate.io.recording_mcap import IMAGES
 from palpate.io.rosbag_reader import bag_messages
 from palpate.lab.simulate.recordings import simulate_recording

@@ -16,7 +16,7 @@ from typing import Any
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
 from palpate.errors import PalpateError, SettingError, one_line
-from palpate.io.estimates_mcap import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, add_estimate
+from palpate.io.estimates import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, add_estimate
 from palpate.io.outlines import load_shape
 from palpate.io.ros_messages import (
     IMAGE_TYPES,

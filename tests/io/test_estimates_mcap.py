@@ -9,7 +9,7 @@ from planar import compose
 from recording_samples import trajectory
 from scipy.spatial.transform import Rotation
 
-from palpate.io.estimates_mcap import write_estimates_mcap
+from palpate.io.estimates import write_estimates_mcap
 from palpate.types.estimate import Answer
 from palpate.types.space import flat, out_of_plane, plane_across, spatial_covariance
 

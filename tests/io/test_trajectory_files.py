@@ -7,7 +7,7 @@ import pytest
 from recording_samples import trajectory
 
 from palpate import FileError, Trajectory
-from palpate.io.trajectories import read_estimates_csv, write_estimates_csv, write_tum
+from palpate.io.estimates import read_estimates_csv, write_estimates_csv, write_tum
 
 COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"  # and reason, since it was added
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.errors import FileError, FrameError
 from palpate.geometry.shapes import Shape
-from palpate.io.estimates_mcap import add_estimate
+from palpate.io.estimates import add_estimate
 from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
 from palpate.io.ros_messages import nanoseconds, new_mcap, ros_types
 from palpate.live.sources import ImageSource, PoseSource, PoseTrack, Refused, Sources, TimedPose, TouchImage

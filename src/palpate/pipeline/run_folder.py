@@ -10,9 +10,8 @@ from pathlib import Path
 
 import palpate
 from palpate.errors import FileError
-from palpate.io.estimates_mcap import write_estimates_mcap
+from palpate.io.estimates import write_estimates_csv, write_estimates_mcap, write_tum
 from palpate.io.recording_mcap import write_recording
-from palpate.io.trajectories import write_estimates_csv, write_tum
 from palpate.pipeline.figures import drawing, run_figure
 from palpate.pipeline.track import Run
 from palpate.types.space import Plane

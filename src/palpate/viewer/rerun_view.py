@@ -15,7 +15,7 @@ from palpate.files import read_json, whole_file
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.io import load_recording
-from palpate.io.trajectories import read_estimates_csv
+from palpate.io.estimates import read_estimates_csv
 from palpate.pipeline.figures import COLOURS, STATUS_COLOURS
 from palpate.types.estimate import Trajectory
 from palpate.types.images import codec_of

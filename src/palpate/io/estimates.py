@@ -1,12 +1,17 @@
-"""palpate's estimates as messages.
+"""Estimates in files: TUM text, `estimates.csv` with covariance, status and its reason, and messages in an MCAP.
 
-Each estimate is a `PoseStamped`, which viewers draw, a `PoseWithCovarianceStamped`, whose covariance is about the axes
-of the header's frame as ROS has it, not the object's, and a `DiagnosticArray`.
+TUM has lines `t x y z qx qy qz qw` [s, m], here of poses in the plane. `estimates.csv` has one estimate a row in full
+double precision, SI units and radians; the covariance is that of the tangent vector at the estimate (right, body
+frame), and contact is 1 or 0.
+
+As messages, each estimate is a `PoseStamped`, which viewers draw, a `PoseWithCovarianceStamped`, whose covariance is
+about the axes of the header's frame as ROS has it, not the object's, and a `DiagnosticArray`.
 
 All answers are a `PoseArray`, the best first; the diagnostics of the same stamp hold their weights and sigmas in the
 same order, as no message that every ROS 2 has holds poses with weights.
 """
 
+import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,11 +19,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.checks import checked_times
+from palpate.errors import FileError
+from palpate.files import in_file, numbers_of, read_table, whole_file
 from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink, nanoseconds, new_mcap
 from palpate.types.estimate import Answer, Answers, Estimate, Trajectory
 from palpate.types.space import Plane, spatial_covariance
 
 Array = NDArray[np.float64]
+
+COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
+COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status")
+UPPER = np.triu_indices(3)
 
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
 ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
@@ -71,3 +83,42 @@ def _sigmas(name: str, covariance: Array) -> dict[str, str]:
     x, y, yaw = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
     units = {"x [mm]": 1e3 * x, "y [mm]": 1e3 * y, "yaw [deg]": np.degrees(yaw)}
     return {f"{name} {unit}": " ".join(f"{one:.2f}" for one in sigma) for unit, sigma in units.items()}
+
+
+def write_tum(data: Trajectory, path: Path) -> None:
+    """Write poses with 9 decimals. Raises FileError if the file exists."""
+    zero, half = np.zeros(len(data)), data.pose[:, 2] / 2
+    table = np.column_stack([data.time, data.pose[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
+    with whole_file(path) as temporary:
+        np.savetxt(temporary, table, fmt="%.9f")
+
+
+def write_estimates_csv(data: Trajectory, path: Path) -> None:
+    """Write estimates with covariance, contact, status and reason. Raises FileError if the file exists."""
+    assert data.covariance is not None and data.contact is not None and data.status is not None
+    reasons = data.reason or ("",) * len(data)
+    table = np.column_stack([data.time, data.pose, data.covariance[:, UPPER[0], UPPER[1]]])
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*COLUMNS, "reason"])
+        for row, contact, *words in zip(table.tolist(), data.contact, data.status, reasons, strict=True):
+            writer.writerow([*map(repr, row), int(contact), *words])
+
+
+def read_estimates_csv(path: Path) -> Trajectory:
+    """Read estimates. Raises FileError that names the line."""
+    lines, rows = read_table(path, COLUMNS, optional="reason"), []
+    if not lines:
+        raise FileError(f"{path}: holds no estimates")
+    for number, line in lines:
+        if (row := numbers_of(line[:11])) is None or line[10] not in ("0", "1"):
+            raise FileError(
+                f"{path}: line {number}: found {','.join(line)[:80]!r}, expected a time, a pose, the six terms of a "
+                "covariance, contact 1 or 0, and a status"
+            )
+        rows.append(row)
+    table, covariance = np.array(rows), np.zeros((len(rows), 3, 3))
+    covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = table[:, 4:10]
+    with in_file(path):
+        status, reason = zip(*(line[11:] for _, line in lines), strict=True)
+        return Trajectory(checked_times(table[:, 0]), table[:, 1:4], covariance, table[:, 10] == 1, status, reason)
