@@ -313,7 +313,7 @@ def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
     for i in range(OBJECT_SIZE):
         by_last[3 + i, LAST_SIZE - OBJECT_SIZE + i] = 1.0
     half = by_last @ np.linalg.inv(row.last_root[:, STEP_SIZE:])
-    row.covariance[:] = half @ half.T
+    np.dot(half, half.T, row.covariance)  # an assignment to an array of two axes would take long to compile
 
 
 @compiled
