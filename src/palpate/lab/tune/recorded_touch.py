@@ -37,7 +37,7 @@ class RecordedTouch:
     recording: Recording
     """Without images; its contact is that seen in them."""
     truth: Array
-    """world_T_object (N, 3) [m, m, rad]; NaN where unknown, or where it jumps away and back."""
+    """world_T_object (N, 3) [m, m, rad]; NaN where unknown."""
     measurements: tuple[Measurements, ...] | None
     """Measurements of each frame, empty out of contact; None for a mode of touch without images."""
     tactile: Tactile | None = None
