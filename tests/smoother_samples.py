@@ -160,7 +160,6 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
     direction_sigma = max(FELT, noise.direction.floor) * np.sqrt(noise.direction.share)
     turn_sigma = FELT * np.sqrt(noise.turn.share)
     first_offset = start[0, 0, 2] - turn[0] if len(turn) else 0.0
-    assert TURN_OFFSET.prior is not None
 
     def residuals(offset: Array, values: Array, poses: Array) -> Array:
         """Of K guesses at once (K, rows): offset (K,), values (K, OBJECT_SIZE), poses (K, N, 2, 3)."""
@@ -180,7 +179,7 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
         bias, scale = values[:, IN_OBJECT[DIRECTION_BIAS]], values[:, IN_OBJECT[DIRECTION_SCALE]]
         rows.append(se2.wrap(touched + bias - (1.0 - scale) * direction) / direction_sigma)
         rows.append(se2.wrap(g[:, turned, 2] - offset[:, None] - turn) / turn_sigma)
-        rows.append(offset / TURN_OFFSET.prior[1])  # pyright: ignore[reportOptionalSubscript]
+        rows.append(offset / TURN_OFFSET.prior[1])
         return np.concatenate([row.reshape(len(poses), -1) for row in rows], axis=1)
 
     size = 1 + OBJECT_SIZE + start.size

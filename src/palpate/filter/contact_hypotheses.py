@@ -57,9 +57,9 @@ def contact_hypotheses(
     has_places = np.bincount(origin, minlength=len(rough)) > 0
     stays = rough & (has_places | (not was_found))
     belief = displaced.joined(rest).take(np.arange(len(rough)) + len(rough) * stays)
-    stayed = replace(rows, belief=belief, log_prior=log_prior)
-    is_new = stays if was_found else np.ones_like(stays)
-    stayed = replace(stayed, weight=np.where(is_new, 1.0, rows.weight), age=np.where(is_new, 0, rows.age))
+    is_new = stays | (not was_found)
+    weight, age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
+    stayed = replace(rows, belief=belief, log_prior=log_prior, weight=weight, age=age)
     # One graph cannot find an object from too far.
     is_hopeless = rough & has_places & ~is_displaced & is_unreliable(displaced.pose_covariance) & (not was_found)
     places = replace(

@@ -6,6 +6,7 @@ those of the object. A new variable is one constant here and, if it belongs to t
 `palpate.config.Priors`.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,8 +29,8 @@ class Variable:
     """Lifetime. Variables of a step are planar poses with right perturbations; the others are vectors."""
     dimension: int
     """Size; of a pose, that of its tangent space."""
-    prior: Normal | None = None
-    """Prior of a variable of a contact, before any measurement."""
+    prior: Normal = (0.0, math.inf)
+    """Prior of a variable of a contact, which is one number, before any measurement."""
 
 
 SENSOR_IN_OBJECT = Variable("sensor_in_object", "step", 3)

@@ -189,12 +189,9 @@ def _begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.
     steps["g"][:, 0], steps["e"], steps["measured"] = se2.between(belief.pose, sensor_pose), sensor_pose, sensor_pose
     rows["shared"][:, CONTACT_SIZE:], rows["sign"] = belief.values, sign
     past = rows["past"]
-    for one in OF_CONTACT:
-        assert one.prior is not None
-        mean, deviation = one.prior
-        rows["shared"][:, IN_SHARED[one]] = mean
-        for place in range(STEP_SIZE + IN_SHARED[one].start, STEP_SIZE + IN_SHARED[one].stop):
-            past["information"][:, place, place] = deviation**-2.0
+    for column, one in enumerate(OF_CONTACT):  # each is one number
+        rows["shared"][:, column], deviation = one.prior
+        past["information"][:, STEP_SIZE + column, STEP_SIZE + column] = deviation**-2.0
     past["g"], past["e"], past["shared"] = steps["g"][:, 0], steps["e"][:, 0], rows["shared"]
     rows["first_pose"], rows["first_values"] = belief.pose, belief.values
     rows["first_root"] = _whitening(belief.covariance)
