@@ -179,7 +179,9 @@ class HypothesisBank:
         if a graph has none at its first frame; the next frame then begins another.
         """
         times = [*self._times, time]
-        step = Step(sensor_pose, timely(measurements, times), from_touch, times)
+        if len(measurements) > from_touch:
+            measurements = timely(measurements, times)
+        step = Step(sensor_pose, measurements, from_touch, times)
         path = None if self._window is None else self._window.object_path()
         try:
             is_measured = self._begin_contact(step) if path is None else self._continue_contact(step, path)

@@ -159,9 +159,10 @@ class Window:
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
         terms, steps, rows = self._terms.view(TERM)[:, 0], self._steps, self.rows
-        calls = _ITERATIONS if self._own.given else 1
+        calls, linear = _ITERATIONS if self._own.given else 1, np.empty((len(rows), 0, 0, 0))
         for call in range(calls):
-            linear = self._own.evaluated(self._left, steps["g"], steps["e"], rows["shared"])
+            if self._own.given:
+                linear = self._own.evaluated(self._left, steps["g"], steps["e"], rows["shared"])
             own, most = (np.array([step for step, _ in self._own.given], np.int64), linear), _ITERATIONS // calls
             is_first = is_new and call == 0
             improve(steps, self._left, rows, terms, own, self._given, changing, most, not is_new, is_first)
