@@ -14,7 +14,7 @@ COMMANDS = (
     *("truth-print", "truth-camera", "truth"),
 )
 HEAVY = (
-    *("numpy", "scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco", "rerun"),
+    *("numpy", "scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco"),
     *("distributed", "torch", "onnx", "onnxruntime", "onnxscript", "numba"),
 )
 

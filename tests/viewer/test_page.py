@@ -2,8 +2,10 @@
 
 import base64
 import io
+import json
 import os
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -121,3 +123,34 @@ def test_a_picture_that_fails_loses_nothing_else(tmp_path, command, monkeypatch,
     assert {"estimates.csv", "summary.json"} <= left and not {"figure.png", "page.html"} & left
     for name in ("figure.png", "page.html"):
         assert f"{name} is left out: RuntimeError: no font" in caplog.text
+
+
+def test_the_page_of_an_earlier_run(tmp_path, folder, command, written):
+    assert command("view", folder, "--save", tmp_path / "later.html") == 0
+    for one, other in zip(pictures_in(tmp_path / "later.html"), pictures_in(written), strict=True):
+        assert one.size == other.size
+        assert np.mean(np.any(np.asarray(one) != np.asarray(other), axis=-1)) < 0.05  # but for other answers
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("settings.json", None, "is no run of palpate track"),
+        ("settings.json", "{}", "settings.json: first_pose: found"),
+        ("settings.json", '{"recording": "gone.mcap"}', "gone.mcap: no such file"),
+        ("estimates.csv", "LESS", "49 estimates are not of the 50 frames"),
+    ],
+)
+def test_a_run_folder_that_cannot_be_shown(tmp_path, folder, fails, file, text, message):
+    shutil.copytree(folder, run := tmp_path / "run")
+    assert "page.html: already exists; --force" in fails("view", run)
+    (run / "page.html").unlink()
+    lines = (run / file).read_text().splitlines(keepends=True)
+    settings = json.loads((run / "settings.json").read_text())
+    (run / file).unlink()
+    if text is not None:
+        text = text.replace("LESS", "".join(lines[:-1]))
+        text = text if len(text) < 3 or file != "settings.json" else json.dumps(settings | json.loads(text))
+        (run / file).write_text(text)
+    assert message in fails("view", run)
+    assert not (run / "page.html").exists()

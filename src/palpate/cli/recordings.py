@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from palpate.cli.console import Report, progress_bar
 from palpate.cli.options import Bag, Force, Orientation, Sensor, arg, check_new
-from palpate.errors import FileError, SettingError, printable
+from palpate.errors import FileError, SettingError
 
 if TYPE_CHECKING:
     from palpate.touch.calibration import Calibration
@@ -76,28 +76,28 @@ def convert(
 
 
 def view(
-    path: Annotated[Path, arg("RUN|RECORDING")],
+    folder: Annotated[Path, arg("RUN")],
     /,
     *,
-    save: Annotated[Path | None, arg("FILE.rrd", "<name>.rrd")] = None,
+    save: Annotated[Path | None, arg("FILE.html", "RUN/page.html")] = None,
     force: Force = False,
 ) -> Report:
-    """Write a run or a recording for Rerun: the push from above, touch and status over time.
+    """Write the page of a run, as palpate track --html does: the push with a slider over time, in any browser.
 
-    Example: palpate view runs/push && rerun push.rrd
+    Example: palpate view runs/push
 
     Args:
-        path: Folder of a run, or a recording in any known format.
+        folder: Folder of a run.
         save: File to write.
     """
-    from palpate.viewer.rerun_view import write_view
+    from palpate.pipeline.run_folder import PAGE, read_run
+    from palpate.viewer.page import write_page
 
-    file = save or Path(f"{printable(path.resolve().stem)}.rrd")
+    file = save or folder / PAGE
     check_new(file, force)
-    with progress_bar(f"reading {path.name}"):
-        write_view(path, file, force)
-    note = f"{file}: open it with `rerun {file}`, which a computer with a display and rerun-sdk 0.41 has"
-    return Report("view", {"file": str(file)}, notes=[note])
+    with progress_bar(f"drawing {folder.name}"):
+        write_page(read_run(folder), file, force)
+    return Report("view", {"file": str(file)})
 
 
 def about_calibration(calibration: "Calibration") -> dict[str, Any]:

@@ -25,9 +25,9 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 # The colours of Okabe and Ito, which people with any colour vision can tell apart, and greys.
-TRUTH, ESTIMATE, SENSOR, START, CONTACT = "#7F7F7F", "#0072B2", "#D55E00", "#AAAAAA", "#E69F00"
+TRUTH, ESTIMATE, SENSOR, CONTACT = "#7F7F7F", "#0072B2", "#D55E00", "#E69F00"
+START, OTHERS = "#AAAAAA", "#CC79A7"
 
-COLOURS = {"truth": TRUTH, "estimate": ESTIMATE, "sensor": SENSOR, "contact": CONTACT, "others": "#CC79A7"}
 STATUS_COLOURS: dict[Status, str] = {
     "tracking": "#009E73",
     "resting": "#A6B8C2",

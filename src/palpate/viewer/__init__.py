@@ -1,1 +1,1 @@
-"""Views of runs and recordings: files for Rerun, and one HTML page."""
+"""View of a run: one HTML page."""

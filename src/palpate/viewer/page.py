@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from palpate.errors import FileError
 from palpate.files import whole_file
 from palpate.geometry.se2 import ellipses_95
-from palpate.pipeline.figures import COLOURS, ESTIMATE, draw_moment, millimetres, outline_at, own_style, run_figure
+from palpate.pipeline.figures import ESTIMATE, OTHERS, draw_moment, millimetres, outline_at, own_style, run_figure
 from palpate.pipeline.track import Run
 
 PAGE = """<!DOCTYPE html>
@@ -42,8 +42,8 @@ show();
 
 
 @own_style()
-def write_page(run: Run, path: Path) -> None:
-    """Write the page of a run, whole or not at all; FileError if it exists."""
+def write_page(run: Run, path: Path, overwrite: bool = False) -> None:
+    """Write the page of a run, whole or not at all; FileError if it exists, unless `overwrite`."""
     from PIL import Image
 
     encoded: list[str] = []
@@ -51,7 +51,7 @@ def write_page(run: Run, path: Path) -> None:
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "WEBP", quality=60)
         encoded.append(f"data:image/webp;base64,{base64.b64encode(data.getvalue()).decode()}")
-    with whole_file(path) as part:
+    with whole_file(path, overwrite) as part:
         part.write_text(PAGE.replace("PICTURES", json.dumps(encoded)), encoding="utf-8")
 
 
@@ -81,7 +81,7 @@ def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
         ellipse = ellipses_95(run.online.pose[frame], run.online.covariance[frame])
         moving += above.plot(*millimetres(ellipse), color=ESTIMATE, lw=1.0)
         for answer in run.answers[frame][1:]:
-            moving += above.plot(*outline_at(run, answer.pose), color=COLOURS["others"], lw=1.0)
+            moving += above.plot(*outline_at(run, answer.pose), color=OTHERS, lw=1.0)
         moving += [each.axvline(time[frame], color="black", lw=1.0) for each in plots]
         words.set_text(f"{time[frame]:.2f} s\n{run.online.status[frame]}")
         image = None
