@@ -41,12 +41,6 @@ class _Outline(ABC):
         """The larger of the outline's widths along x and y [m]."""
         return float(np.ptp(self.outline(), axis=0).max())
 
-    @property
-    def closed_outline(self) -> Array:
-        """The outline (P, 2) [m] as figures draw it, its last point the first again."""
-        outline = self.outline(100)
-        return np.concatenate((outline, outline[:1]))
-
     @abstractmethod
     def outline(self, count: int = 200) -> Array:
         """Return about `count` points (N, 2) [m] on the outline, counter-clockwise."""

@@ -160,7 +160,8 @@ def title_of(run: Run) -> str:
 
 def outline_at(run: Run, pose: Array) -> Array:
     """Return the closed outline (2, P) [mm] at a pose (3,)."""
-    return millimetres(se2.transform(pose, run.recording.shape.closed_outline))
+    outline = run.recording.shape.outline(100)
+    return millimetres(se2.transform(pose, np.concatenate((outline, outline[:1]))))
 
 
 def millimetres(points: Array) -> Array:
