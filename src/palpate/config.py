@@ -229,10 +229,9 @@ class TrackerSettings:
     """Noise of all factors."""
     hypotheses: int = 9
     """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
-    disturbance_rate: float = 5.5
-    """Rate at which something else moves the object while it is touched [1/s]. A low rate makes `ambiguous` rare where
-    nobody disturbs, and loses more disturbed objects: with 0.1/s and 0.75/s, 4 and 3 of 11 real MIT pushes end more
-    than 10 mm off, with the default one."""
+    disturbance_rate: float = 0.75
+    """Rate at which something else moves the object while it is touched [1/s]. A higher rate finds more disturbances
+    and calls more estimates `ambiguous`."""
     tolerance: tuple[float, float] = (0.01, 0.105)
     """Largest error of position [m] and yaw [rad] of a pose that is good enough, at two standard deviations: a worse
     one is `uncertain`, and one with a likely alternative beyond it `ambiguous`. The default is 10 mm and 6 degrees,

@@ -20,7 +20,7 @@ from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import Step
 from palpate.graph.variables import DEPTH, OUTLINE_SCALE
 
-_LOG_UNLIKELY = 1.0
+_LOG_UNLIKELY = 3.0
 """Log of the odds that the object lies where it was left against another place, where a belief about it is rough."""
 _IMPOSSIBLE = 12.0  # largest cost of a contact where the object is not [log]
 _SPACING, _TURN = 0.015, np.radians(18.0)  # [m], [rad] of the normal, from place to place

@@ -15,16 +15,17 @@ from palpate.graph.compiled import Array, Flags, Integers
 
 MOST_YOUNG = 20
 """Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""
-LIKELY = 0.1
-"""Weight from which a hypothesis makes an estimate ambiguous, and is watched for disturbances."""
-POOR = 1e-3
+LIKELY, WATCHED = 0.1, 0.003
+"""Weights from which a hypothesis makes an estimate ambiguous, and from which it is watched for disturbances."""
+POOR = 1e-6
 """Weight, relative to the best hypothesis, below which one hardly counts."""
 AHEAD = 6
 """Steps after an alarm or the begin of a contact in which something else may move the object."""
 _FRAMES = 10  # of which distances from measured poses are kept
 _GRACE = 25  # frames after which a poor hypothesis goes
-_COST_SHARE, _MOST_OF_A_STEP = 0.1, 10.0  # share of the costs that counts; largest cost of a step beyond the best one's
-_PRIOR_SHARE = 0.3  # share of the cost of unusual friction that counts, since the prior is that of some objects only
+_COST_SHARE, _MOST_OF_A_STEP = 0.3, 10.0
+"""Share of the costs that counts, at which stated weights are as often right as they say; largest cost of a step beyond
+the best hypothesis' one."""
 _NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
@@ -110,7 +111,7 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
     There are `most` at most, or as many as at the beginning of a contact while all are young.
     """
     unusual = np.sum(np.square((rows.belief.values - priors.mean) / priors.deviation), axis=1)
-    scores = rows.log_prior - costs_of_contact(costs) - 0.5 * _PRIOR_SHARE * unusual
+    scores = rows.log_prior - costs_of_contact(costs) - 0.5 * unusual
     relative = np.exp(scores - scores.max())
     is_poor = (rows.age > _GRACE) & (relative < POOR)
     is_settled = rows.disturbed_steps_left == 0

@@ -19,7 +19,7 @@ from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations
 from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, costs_of_contact, single, worth_keeping
+from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, WATCHED, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.compiled import Array, Integers
@@ -295,7 +295,7 @@ class HypothesisBank:
         rows, alarms = self._rows, disturbance_alarms(window, is_suspicion_enough=True)
         if not alarms.any():
             return
-        is_watched = (rows.weight > LIKELY) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
+        is_watched = (rows.weight > WATCHED) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
         for row in np.flatnonzero(alarms & is_watched)[:1].tolist():
             self._branch(window, row)
 
