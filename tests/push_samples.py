@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 import palpate
 from palpate import Disc, Ellipse, Frame, Measurement, NoiseSettings, Polygon, Rectangle, SensorProfile, Shape
+from palpate.compiled import compiled
 from palpate.geometry import se2
-from palpate.graph.compiled import compiled
 from palpate.graph.contact_geometry import ContactModel, Surface, contact_model, put_touch
 from palpate.graph.factors import CONTACT, LINEAR, NAMES, ROW, STEP, TERM, Step, make_factors, terms_of
 from palpate.graph.gauss_newton import of_step, of_term

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.checks import SPAN, TURNS
+from palpate.compiled import is_cached
 from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError, one_line
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry.shapes import Disc, Shape, check_outline
 from palpate.graph import gauss_newton
-from palpate.graph.compiled import is_cached
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import LAG
 from palpate.input_gate import InputGate, checked_frame, checked_measurements

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from palpate.graph import compiled
+from palpate import compiled
 
 
 def test_warm_up_says_where_compiled_code_is_kept(json_of, fails, monkeypatch):

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from numba.core import config
 
-from palpate.graph import compiled
-from palpate.graph.compiled import folder_of, is_cached
+from palpate import compiled
+from palpate.compiled import folder_of, is_cached
 
 SOURCE = """
-from palpate.graph.compiled import compiled
+from palpate.compiled import compiled
 
 @compiled
 def twice(number):
@@ -36,7 +36,7 @@ def test_code_of_a_user_without_a_home_is_kept_in_a_temporary_place(tmp_path):
 import pwd, sys
 def nobody(*_): raise KeyError
 pwd.getpwuid = nobody
-import palpate.graph.compiled
+import palpate.compiled
 from numba import config
 sys.exit(config.CACHE_DIR)
 """

@@ -125,7 +125,7 @@ def warm_up() -> Report:
     Example: palpate warm-up
     """
     from palpate import DIGIT, Disc, Tracker, TrackerSettings
-    from palpate.graph.compiled import folder_of
+    from palpate.compiled import folder_of
     from palpate.graph.gauss_newton import improve
 
     if (folder := folder_of(improve)) is None:

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.compiled import Array, Flags
 from palpate.config import NoiseSettings
 from palpate.filter.hypotheses import LIKELY, Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, clearances
-from palpate.graph.compiled import Array, Flags
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import DIRECTION, NAMES, STICKING, TURN, Step
 from palpate.graph.window import Window

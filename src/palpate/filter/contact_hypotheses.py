@@ -11,11 +11,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.compiled import Array, Complex, Flags, Integers
 from palpate.filter.consistency import is_unreliable
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
-from palpate.graph.compiled import Array, Complex, Flags, Integers
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import Step
 from palpate.graph.variables import DEPTH, OUTLINE_SCALE

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.compiled import Array, Flags, Integers
 from palpate.config import Priors
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, RowArrays
-from palpate.graph.compiled import Array, Flags, Integers
 
 MOST_YOUNG = 20
 """Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.compiled import Array, Integers
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations
@@ -22,7 +23,6 @@ from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_r
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, WATCHED, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.graph.belief import Belief, Indices
-from palpate.graph.compiled import Array, Integers
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import Step, make_factors, step_of, timely
 from palpate.graph.own_measurements import OwnMeasurements

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.compiled import Array
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor
 from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
-from palpate.graph.compiled import Array
 from palpate.graph.factors import timely
 from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import CONTACT_SIZE, OBJECT_SIZE, STEP_SIZE

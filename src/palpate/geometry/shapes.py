@@ -226,29 +226,10 @@ class Polygon(_Cornered):
 
     def signed_distance(self, points: ArrayLike) -> Array:
         """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
+        from palpate.geometry.polygon_distance import signed_distances
+
         points = np.asarray(points, dtype=np.float64)
-        flat = points.reshape(-1, 2)
-        start_x, start_y = self.corners.T
-        edge_x, edge_y = (np.roll(self.corners, -1, axis=0) - self.corners).T
-        square_length = edge_x**2 + edge_y**2
-        normal = np.column_stack((edge_y, -edge_x)) / np.sqrt(square_length)[:, None]
-        at_start = normal + np.roll(normal, 1, axis=0)
-        normals = np.stack(
-            (at_start, normal, np.roll(at_start, -1, axis=0)), axis=1
-        )  # (N, 3, 2): of start, edge and end
-        found = []
-        for x, y in (part.T[:, :, None] for part in np.array_split(flat, 1 + len(flat) * len(edge_x) // 2**16)):
-            # In parts whose arrays stay in the processor's cache: the nearest place on all edges.
-            along = ((x - start_x) * edge_x + (y - start_y) * edge_y) / square_length
-            along = np.minimum(np.maximum(along, 0.0), 1.0)
-            off_x, off_y = x - start_x - along * edge_x, y - start_y - along * edge_y
-            square = off_x**2 + off_y**2
-            edge = square.argmin(axis=1)
-            best = np.arange(len(x)), edge
-            outward = normals[edge, (along[best] > 0.0).astype(int) + (along[best] == 1.0)]
-            is_inside = off_x[best] * outward[:, 0] + off_y[best] * outward[:, 1] < 0.0
-            found.append(np.where(is_inside, -1.0, 1.0) * np.sqrt(square[best]))
-        return np.concatenate(found).reshape(points.shape[:-1])
+        return signed_distances(points.reshape(-1, 2), self.corners).reshape(points.shape[:-1])
 
 
 def _checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:

@@ -5,9 +5,9 @@ from typing import Self
 
 import numpy as np
 
+from palpate.compiled import Array, Flags, Integers
 from palpate.config import Priors
 from palpate.geometry import se2
-from palpate.graph.compiled import Array, Flags, Integers
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE, Variable
 

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.compiled import Array, Complex, Records, compiled, kernel
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Shape
-from palpate.graph.compiled import Array, Complex, Records, compiled, kernel
 from palpate.graph.se2_kernels import position, rotation
 from palpate.types.sensor import SensorProfile
 

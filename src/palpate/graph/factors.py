@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.compiled import Array
 from palpate.config import NoiseSettings
 from palpate.graph.belief import Belief
-from palpate.graph.compiled import Array
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel
 from palpate.graph.variables import (
     DIRECTION_BIAS,

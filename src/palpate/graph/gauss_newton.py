@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
+from palpate.compiled import Array, Flags, Integers, Records, compiled, kernel
 from palpate.graph import factors, measured, pushing
-from palpate.graph.compiled import Array, Flags, Integers, Records, compiled, kernel
 from palpate.graph.contact_geometry import Surface, put_touch
 from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SHORT, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap

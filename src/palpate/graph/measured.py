@@ -5,7 +5,7 @@ A kernel writes the linearised rows of a factor and returns their number; see `f
 
 import math
 
-from palpate.graph.compiled import Array, Records, kernel
+from palpate.compiled import Array, Records, kernel
 from palpate.graph.se2_kernels import adjoint, between, cauchy, log, log_by_pose, position, rotation, wrap
 from palpate.graph.variables import (
     CONTACT_SIZE,

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.checks import without_gradient
+from palpate.compiled import Array
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
-from palpate.graph.compiled import Array
 from palpate.graph.variables import (
     IN_SHARED,
     LAST_SIZE,

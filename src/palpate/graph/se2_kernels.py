@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from palpate.graph.compiled import Array, kernel
+from palpate.compiled import Array, kernel
 
 _SERIES_BELOW = 0.1  # [rad]; here the series below is exact to rounding and the closed form loses three digits
 

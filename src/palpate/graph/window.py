@@ -14,11 +14,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.compiled import Array, Flags
 from palpate.config import Priors
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
-from palpate.graph.compiled import Array, Flags
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import ROW, STEP, TERM, TERM_SIZE, TURN, WORK, Step, terms_of
 from palpate.graph.gauss_newton import begin_step, improve

@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.compiled import Records, compiled
 from palpate.errors import SettingError
-from palpate.graph.compiled import Records, compiled
 
 Image = NDArray[np.uint8]
 Levels = NDArray[np.float32]

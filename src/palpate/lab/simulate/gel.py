@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.compiled import compiled
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.graph.compiled import compiled
 from palpate.lab.simulate.unit import Markers, SensorUnit
 
 Array = NDArray[np.float64]
