@@ -36,7 +36,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "pose 20 km off": ({"sensor_pose": [0.0, 2e4, 1.0]}, "x and y up to 10000"),
     "pose that leans": (
         {"sensor_pose": (0.0, 0.0, 0.1, 0.0, 0.6, 0.0, 0.8)},
-        "x axis is -73.7 degrees out of the plane",
+        "x axis -73.7 degrees out of the plane",
     ),
     "neither": ({"image": None, "contact": None}, "neither an image nor a contact flag"),
     "contact of text": ({"contact": "yes"}, "contact 'yes'; it must be True, False or None"),

@@ -1,7 +1,7 @@
 """Consistency tests: compare what was predicted with what is measured, in each hypothesis.
 
 - Inconsistency: touch and pushing contradict each other. The statistic is the mean square, over the last steps, of the
-  worst row of the pushing factors [variances]. A large value inflates the reported covariance from then on.
+  worst row of the pushing factors [variances]. Above 1 it inflates the reported covariance, for a second.
 - Disturbance: they contradict each other so clearly that something else may have moved the object.
 - Contradiction: measured poses of the object are far from its estimate, or put its outline far from the contact.
 - Displacement: the sensor is inside the untouched object's outline, or touches the object far from its outline.
@@ -25,9 +25,9 @@ from palpate.graph.window import Window
 from palpate.types.estimate import Status
 from palpate.types.measurements import ObjectPose
 
-_TYPICAL, _INCONSISTENT = 0.5, 4.0
-"""Usual mean square of errors [variances] and its limit: nine in ten simulated pushes are below 0.5, and all below 2; a
-disturbance by hand makes it 70 and more."""
+_INCONSISTENT, _FADES = 4.0, 0.97
+"""Mean square of errors of pushing [variances] at which they are inconsistent: all simulated pushes are below 2, and a
+disturbance by hand makes it 70 and more. Share of it that stays after a step: it fades in a second."""
 _ALARMS = np.full((2, len(NAMES) + 1), np.inf)
 _ALARMS[0, [TURN, DIRECTION, STICKING, -1]] = 0.5, 1.0, 30.0, 3.0
 _ALARMS[1, DIRECTION] = 0.05
@@ -60,11 +60,13 @@ def disturbance_alarms(window: Window, is_suspicion_enough: bool = False) -> Fla
     return np.asarray((window.rows["recent"] > limits).any(axis=(1, 2)))
 
 
-def test_innovations(rows: Hypotheses, inconsistency: Array) -> None:
-    """Inflate the covariance where errors of pushing are large; see `factors.ROW`, (B,)."""
-    if (is_large := inconsistency > _INCONSISTENT).any():
-        inflated = np.where(is_large, inconsistency / _TYPICAL, 1.0)
-        rows.inconsistency = np.maximum(rows.inconsistency, inflated)
+def test_innovations(rows: Hypotheses, inconsistency: Array, is_alone: bool) -> None:
+    """Inflate the covariance where errors of pushing are larger than stated; see `factors.ROW`, (B,).
+
+    It stays inflated where a hypothesis `is_alone`: no other one explains them, and the estimate does not follow.
+    """
+    fades = 1.0 if is_alone else _FADES
+    rows.inconsistency = np.maximum(np.maximum(inconsistency, 1.0), fades * rows.inconsistency)
 
 
 class ConsistencyMonitor:
@@ -154,7 +156,7 @@ class ConsistencyMonitor:
             status = "strained"
         elif rows.displacement[0] and ((known[0].diagonal() > _FOUND).any() or not in_contact):
             status = "displaced"
-        elif in_contact and rows.inconsistency[0] > 1.0:
+        elif in_contact and rows.inconsistency[0] > _INCONSISTENT:
             status = "strained"
         if not in_contact:
             covariance = covariance + self.displacement_covariance(rows)

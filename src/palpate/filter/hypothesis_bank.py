@@ -200,7 +200,7 @@ class HypothesisBank:
         window, rows = self._in_window(), self._rows
         rows.belief, rows.age = window.belief(), rows.age + 1
         rows.disturbed_steps_left = np.maximum(rows.disturbed_steps_left - 1, 0)
-        test_innovations(rows, window.rows["inconsistency"])
+        test_innovations(rows, window.rows["inconsistency"], is_alone=self._most == 1)
         if is_measured or rows.apart.any():
             self._monitor.test_outline(rows, sensor_pose, is_measured)
         self._times, self._steps = step.times[-LAG:], self._steps + 1
