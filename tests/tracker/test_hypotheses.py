@@ -83,7 +83,8 @@ def test_one_answer_while_nothing_is_doubtful(name, tactile):
         assert len(a.answers) == 1 and a.answers[0].weight == 1.0
         assert (a.reason, a.status) == ("", "tracking" if a.contact else "resting")
         np.testing.assert_array_equal(a.pose, b.pose)
-        np.testing.assert_array_equal(a.covariance, b.covariance)
+        # After errors of pushing the covariance of one answer alone stays inflated.
+        assert (a.covariance.diagonal() <= b.covariance.diagonal()).all()
         np.testing.assert_array_equal(a.covariance, a.answers[0].covariance)
     check_answers(several)
 
