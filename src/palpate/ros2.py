@@ -16,12 +16,11 @@ from typing import Any
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
 from palpate.errors import PalpateError, SettingError, one_line
-from palpate.io.estimates import ANSWERS, DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, add_estimate
+from palpate.io.estimates import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, add_estimate
 from palpate.io.outlines import load_shape
 from palpate.io.ros_messages import (
     IMAGE_TYPES,
     POSE,
-    POSE_ARRAY,
     POSE_TYPES,
     POSE_WITH_COVARIANCE,
     MessageSink,
@@ -44,7 +43,6 @@ IMAGES, SENSOR_POSES = "image", "sensor_pose"
 TOPICS = {
     POSES: POSE,
     POSES_WITH_COVARIANCE: POSE_WITH_COVARIANCE,
-    ANSWERS: POSE_ARRAY,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
 """Topics that the node publishes, with their types."""

@@ -68,18 +68,6 @@ def test_track_reads_a_folder_and_named_topics(json_of):
     assert (found["frames"], found["scored_frames"]) == (24, 24)
 
 
-def test_messages_of_a_run_contain_all_answers(succeeds):
-    roughly = ("--first-pose-sigma", "0.02", "0.02", "0.3")  # so that the contact begins with several
-    succeeds("track", "push.mcap", *roughly, "--tactile", "none", "--mcap")
-    settings = palpate.TrackerSettings("none")
-    run = palpate.track(palpate.load_recording("push.mcap"), settings, first_pose_sigma=(0.02, 0.02, 0.3))
-    answers = [answer.pose[:2] for some in run.answers for answer in some]
-    arrays = messages("runs/push/estimates.mcap", "/palpate/object_pose_answers")
-    several = [(one.position.x, one.position.y) for array in arrays if len(array.poses) > 1 for one in array.poses]
-    assert len(arrays) == 40 and len(several) > 10
-    assert np.allclose(several, answers, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

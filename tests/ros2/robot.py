@@ -13,7 +13,7 @@ from typing import Any
 
 import rclpy  # pyright: ignore[reportMissingImports]
 from diagnostic_msgs.msg import DiagnosticArray  # pyright: ignore[reportMissingImports]
-from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped  # pyright: ignore[reportMissingImports]
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped  # pyright: ignore[reportMissingImports]
 from rclpy.executors import SingleThreadedExecutor  # pyright: ignore[reportMissingImports]
 from sensor_msgs.msg import Image  # pyright: ignore[reportMissingImports]
 
@@ -38,11 +38,10 @@ class Robot:
         self._images = self._node.create_publisher(Image, "/digit/image_raw", DEPTH)
         self._poses = self._node.create_publisher(PoseStamped, "/robot/sensor_pose", DEPTH)
         self._begin = time.time()
-        names = ("poses", "answers", "diagnoses", "published")
+        names = ("poses", "diagnoses", "published")
         self.heard: dict[str, list[Any]] = {name: [] for name in names}
         for topic, type_, hear in (
             ("object_pose_with_covariance", PoseWithCovarianceStamped, self._hear_pose),
-            ("object_pose_answers", PoseArray, self._hear_answers),
             ("diagnostics", DiagnosticArray, self._hear_diagnosis),
         ):
             self._node.create_subscription(type_, f"/palpate/{topic}", hear, DEPTH)
@@ -90,10 +89,6 @@ class Robot:
         covariance = message.pose.covariance.tolist()
         numbers = numbers_of(message.pose.pose)
         self.heard["poses"].append([stamp_of(message), message.header.frame_id, numbers, covariance])
-
-    def _hear_answers(self, message: Any) -> None:
-        poses = [numbers_of(each) for each in message.poses]
-        self.heard["answers"].append([stamp_of(message), message.header.frame_id, poses])
 
     def _hear_diagnosis(self, message: Any) -> None:
         status = message.status[0]

@@ -6,9 +6,6 @@ frame), and contact is 1 or 0.
 
 As messages, each estimate is a `PoseStamped`, which viewers draw, a `PoseWithCovarianceStamped`, whose covariance is
 about the axes of the header's frame as ROS has it, not the object's, and a `DiagnosticArray`.
-
-All answers are a `PoseArray`, the best first; the diagnostics of the same stamp hold their weights and sigmas in the
-same order, as no message that every ROS 2 has holds poses with weights.
 """
 
 import csv
@@ -17,33 +14,30 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.checks import checked_times
 from palpate.errors import FileError
 from palpate.files import in_file, numbers_of, read_table, whole_file
-from palpate.io.ros_messages import POSE, POSE_ARRAY, POSE_WITH_COVARIANCE, MessageSink, nanoseconds, new_mcap
-from palpate.types.estimate import Answer, Answers, Estimate, Trajectory
+from palpate.io.ros_messages import POSE, POSE_WITH_COVARIANCE, MessageSink, nanoseconds, new_mcap
+from palpate.types.estimate import Estimate, Trajectory
 from palpate.types.space import Plane, spatial_covariance
-
-Array = NDArray[np.float64]
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status")
 UPPER = np.triu_indices(3)
 
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
-ANSWERS, DIAGNOSTICS = "/palpate/object_pose_answers", "/palpate/diagnostics"
+DIAGNOSTICS = "/palpate/diagnostics"
 LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 """DiagnosticStatus level of each status: 0 is ok, 2 an error; any other is a warning, 1."""
 
 
-def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane, answers: Answers) -> None:
-    """Write estimates with all answers. Raises FileError if the file exists, or times cannot be stamps."""
+def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane) -> None:
+    """Write estimates as messages. Raises FileError if the file exists, or times cannot be stamps."""
     stamps, reasons = nanoseconds(path, trajectory.time), trajectory.reason or ("",) * len(trajectory)
     fields: Any = trajectory.time, trajectory.pose, trajectory.covariance, trajectory.contact, trajectory.status
     with new_mcap(path) as file:
-        for stamp, *values in zip(stamps, *fields, reasons, answers, strict=True):
+        for stamp, *values in zip(stamps, *fields, reasons, strict=True):
             add_estimate(file, plane, stamp, Estimate(*values))
 
 
@@ -57,16 +51,7 @@ def add_estimate(
     spatial = spatial_covariance(plane, pose[None], covariance[None]).reshape(36)
     both = sink.make("geometry_msgs/msg/PoseWithCovariance", pose=placed, covariance=spatial)
     sink.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
-    several = estimate.answers if len(estimate.answers) > 1 else (Answer(pose, covariance, 1.0),)
-    sink.add(ANSWERS, POSE_ARRAY, stamp, header=header, poses=[sink.pose(plane, one.pose) for one in several])
-    values = {
-        "reason": estimate.reason,
-        "contact": str(bool(estimate.contact)).lower(),
-        **_sigmas("sigma", covariance[None]),
-        "answer weights": " ".join(f"{one.weight:.4f}" for one in several),
-        **_sigmas("answer sigmas", np.array([one.covariance for one in several])),
-        **(more or {}),
-    }
+    values = {"reason": estimate.reason, "contact": str(bool(estimate.contact)).lower(), **(more or {})}
     diagnosis = sink.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=LEVELS.get(estimate.status, 1),
@@ -76,13 +61,6 @@ def add_estimate(
         values=[sink.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
     sink.add(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=header, status=[diagnosis])
-
-
-def _sigmas(name: str, covariance: Array) -> dict[str, str]:
-    """Return the standard deviations of covariances (N, 3, 3), N numbers each."""
-    x, y, yaw = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).T
-    units = {"x [mm]": 1e3 * x, "y [mm]": 1e3 * y, "yaw [deg]": np.degrees(yaw)}
-    return {f"{name} {unit}": " ".join(f"{one:.2f}" for one in sigma) for unit, sigma in units.items()}
 
 
 def write_tum(data: Trajectory, path: Path) -> None:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 POSE, POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
-POSE_ARRAY, BOOL = "geometry_msgs/msg/PoseArray", "std_msgs/msg/Bool"
+BOOL = "std_msgs/msg/Bool"
 
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
 POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)

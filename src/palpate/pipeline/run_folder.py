@@ -73,7 +73,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     write_tum(run.smoothed, folder / "trajectory.tum")
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:
-        write_estimates_mcap(online, folder / MCAP, plane=mcap, answers=run.answers)
+        write_estimates_mcap(online, folder / MCAP, plane=mcap)
     with drawing("figure.png"):
         run_figure(run).savefig(folder / "figure.png", dpi=120)
     if file is None:
