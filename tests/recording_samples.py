@@ -53,6 +53,7 @@ def trajectory(n: int = 50, **changes: Any) -> Any:
         "covariance": root @ root.transpose(0, 2, 1),
         "contact": rng.random(n) > 0.5,
         "status": tuple(rng.choice(["ok", 'lost, "quite"', "a\nb"], n)),
+        "reason": ("",) * n,
     }
     return Trajectory(**(fields | changes))
 

@@ -26,7 +26,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
-from palpate.types.estimate import Estimate, Trajectory
+from palpate.types.estimate import Estimate
 from palpate.types.measurements import (
     ContactDirection,
     ContactPlace,
@@ -42,7 +42,6 @@ logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad] an object that may be anywhere
-_NO_FRAME = "no frame has been taken so far; there is one after the first update"
 
 
 class Tracker:
@@ -116,8 +115,6 @@ class Tracker:
 
     def _begin(self) -> None:
         self._touched_at = -math.inf  # [s] time of the last frame of contact
-        self._times: list[float] = []
-        self._contacts: list[bool] = []
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.
@@ -174,19 +171,13 @@ class Tracker:
     def frame(self) -> Frame:
         """The last frame as it was used, its image in the profile's view; EstimationError before the first one."""
         if self._gate.last is None:
-            raise EstimationError(_NO_FRAME)
+            raise EstimationError("no frame has been taken so far; there is one after the first update")
         return self._gate.last
 
     @property
     def background(self) -> Background | None:
         """The untouched gel as it is known now; None before the first images, and without images."""
         return self._gate.background
-
-    def smoothed(self) -> Trajectory:
-        """Return the object's poses at all frames so far, each corrected by later measurements in its contact."""
-        if not self._times:
-            raise EstimationError(_NO_FRAME)
-        return Trajectory(np.array(self._times), self._bank.path(), contact=np.array(self._contacts, dtype=bool))
 
     def _check_first_pose(self, frame: Frame) -> None:
         """Warn of a first pose far from the sensor at the first frame."""
@@ -214,8 +205,6 @@ class Tracker:
         elif gate.touches_since_start:
             status = "uncertain"
             reason = "in contact since before the untouched gel was known: touch cannot measure before a release"
-        self._times.append(frame.time)
-        self._contacts.append(estimate.contact)
         if (status, reason) != (estimate.status, estimate.reason):
             return replace(estimate, status=status, reason=reason)
         return estimate

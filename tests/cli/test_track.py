@@ -49,8 +49,8 @@ def test_files_of_a_run_agree_with_the_function_in_python(succeeds):
     online = table("runs/push/estimates.csv")
     assert online["time"].tolist() == run.recording.time.tolist()
     assert np.column_stack([online["x"], online["y"], online["theta"]]).tolist() == run.online.pose.tolist()
-    smoothed = np.loadtxt("runs/push/trajectory.tum")
-    assert np.allclose(smoothed[:, 1:3], run.smoothed.pose[:, :2], atol=2e-9)
+    poses = np.loadtxt("runs/push/trajectory.tum")
+    assert np.allclose(poses[:, 1:3], run.online.pose[:, :2], atol=2e-9)
     same = {key: value for key, value in read("runs/push/summary.json").items() if key not in ("wall_s", "step_ms")}
     assert same == {key: run.summary[key] for key in same}
 
@@ -105,7 +105,7 @@ def test_a_frame_that_cannot_be_used_repeats_the_estimate(caplog):
     recording.sensor_pose[7:15:2, 0] += 3.0  # faster than any arm
     run = palpate.track(recording)
     status = np.array(run.online.status)
-    assert (status == "faulty").sum() == 4 and len(run.smoothed) == len(run.online) == 40
+    assert (status == "faulty").sum() == 4 and len(run.online) == 40
     assert run.online.pose[7].tolist() == run.online.pose[6].tolist()
     assert sum("is skipped" in record.message for record in caplog.records) == 4
     assert len(run.summary["warnings"]) == 4 and run.summary["final_status"] == status[-1]

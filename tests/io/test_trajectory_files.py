@@ -14,7 +14,7 @@ COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"  # a
 
 def test_tum_lines_are_as_the_format_has_them(tmp_path):
     path = tmp_path / "a.tum"
-    write_tum(Trajectory(np.array([1.5]), np.array([[1.0, -2.0, np.pi / 2]])), path)
+    write_tum(trajectory(1, time=np.array([1.5]), pose=np.array([[1.0, -2.0, np.pi / 2]])), path)
     # A quarter turn about z: qz = qw = sqrt(1/2).
     line = "1.500000000 1.000000000 -2.000000000 0.000000000 0.000000000 0.000000000 0.707106781 0.707106781\n"
     assert path.read_text() == line
@@ -38,7 +38,7 @@ def test_csv_round_trip_is_exact(tmp_path):
 def test_csv_header_and_terms(tmp_path):
     path = tmp_path / "a.csv"
     terms = np.array([[[1, 2, 3], [2, 4, 5], [3, 5, 6.0]]])
-    made = Trajectory(np.array([0.1]), np.array([[7, 8, 9.0]]), terms, np.array([True]), ("ok",))
+    made = Trajectory(np.array([0.1]), np.array([[7, 8, 9.0]]), terms, np.array([True]), ("ok",), ("",))
     write_estimates_csv(made, path)
     assert path.read_text() == f"{COLUMNS},reason\n0.1,7.0,8.0,9.0,1.0,2.0,3.0,4.0,5.0,6.0,1,ok,\n"
 

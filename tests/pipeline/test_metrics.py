@@ -86,7 +86,7 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
     covariance[6] *= 100.0  # which contains it
     status = ("tracking", "tracking", "strained", "tracking", "resting", "resting", "tracking")
     contact = np.array([False, True, True, True, False, False, True])
-    trajectory = Trajectory(np.arange(7.0), pose, covariance, contact, status)
+    trajectory = Trajectory(np.arange(7.0), pose, covariance, contact, status, ("",) * 7)
 
     # Of the six since the first contact the 1st, 4th and 5th.
     found = metrics.summarise(trajectory, np.zeros((7, 3)), np.ones(7))
@@ -104,7 +104,7 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
 def test_ambiguous_is_a_share_of_the_frames_in_contact():
     contact = np.array([True, True, True, True, False])
     status = ("ambiguous", "tracking", "ambiguous", "ambiguous", "ambiguous")
-    trajectory = Trajectory(np.arange(5.0), np.zeros((5, 3)), np.array([np.eye(3)] * 5), contact, status)
+    trajectory = Trajectory(np.arange(5.0), np.zeros((5, 3)), np.array([np.eye(3)] * 5), contact, status, ("",) * 5)
     for touched, share in ((contact, 0.75), (np.zeros(5, np.bool_), None)):
         given = replace(trajectory, contact=touched)
         assert metrics.summarise(given, np.zeros((5, 3)), np.ones(5))["ambiguous_share"] == share
@@ -113,7 +113,7 @@ def test_ambiguous_is_a_share_of_the_frames_in_contact():
 def test_the_summary_scores_frames_with_truth():
     status = ("resting", "tracking", "tracking", "resting")
     contact = np.array([False, True, True, False])
-    trajectory = Trajectory(np.arange(4) / 10, POSE, np.array([np.eye(3)] * 4), contact, status)
+    trajectory = Trajectory(np.arange(4) / 10, POSE, np.array([np.eye(3)] * 4), contact, status, ("",) * 4)
     found = metrics.summarise(trajectory, TRUTH, np.ones(4), tactile="none")
     assert found["translation_rmse_mm"] == pytest.approx(np.sqrt((5**2 + 0 + 12**2) / 3))
     assert found["rotation_rmse_deg"] == pytest.approx(np.degrees(np.sqrt((0.1**2 + 0.1**2 + 0.2**2) / 3)))

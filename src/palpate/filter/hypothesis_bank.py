@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.compiled import Array, Integers
+from palpate.compiled import Array
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations
@@ -82,7 +82,6 @@ class HypothesisBank:
         self._rows = single(belief, sign=-1.0 if self.is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
         # Poses (B, N, 3) up to the current window, and rows (B,) that were taken.
-        self._history: list[Array | Integers] = []
         self._sensor_pose: Array | None = None  # at the last frame
         self._touched: tuple[Array, float] | None = None  # sensor pose and time [s] of the last frame of contact
         self._is_indeterminate = False
@@ -105,17 +104,6 @@ class HypothesisBank:
         """Return the distance of a sensor pose (3,) from the object and its standard deviation [m]."""
         gap, deviation = self._monitor.clearance(self._rows.belief, sensor_pose)
         return float(gap[0]), float(deviation[0])
-
-    def path(self) -> Array:
-        """Return the object poses at all frames so far (N, 3), by the best hypothesis."""
-        parts = [np.empty((0, 3))] if self._window is None else [self._window.object_path()[0]]
-        row = 0
-        for entry in reversed(self._history):
-            if entry.ndim == 1:
-                row = entry[row]
-            else:
-                parts.append(entry[row])
-        return np.concatenate(parts[::-1])
 
     def report(self, time: float, touched_at: float, hidden_motion: float = 0.0) -> Estimate:
         """Return the estimate at a time [s]; the object was last touched at another.
@@ -167,7 +155,6 @@ class HypothesisBank:
             self._touched = None if is_found else self._touched
         touched, when = self._touched or (sensor_pose, time)
         self._monitor.test_rest(self._rows, sensor_pose, touched, time - when)
-        self._history.append(self._rows.belief.pose[:, None])
         self._sensor_pose, self._resting_since, self._is_indeterminate = sensor_pose, since, False
 
     def contact_step(
@@ -182,19 +169,19 @@ class HypothesisBank:
         if len(measurements) > from_touch:
             measurements = timely(measurements, times)
         step = Step(sensor_pose, measurements, from_touch, times)
-        path = None if self._window is None else self._window.object_path()
+        begins = self._window is None
         try:
-            is_measured = self._begin_contact(step) if path is None else self._continue_contact(step, path)
+            is_measured = self._begin_contact(step) if begins else self._continue_contact(step)
         except EstimationError as error:
             reason = (
                 f"frame at {time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
                 "together leave undetermined, or a sensor pose far from the object"
             )
             self._window = None
-            if path is None:
+            if begins:
                 raise EstimationError(reason) from error
             logger.warning("%s; starting a new graph from the last pose", reason)
-            self._abandon_contact(sensor_pose, path)
+            self._abandon_contact(sensor_pose)
             self.contact_step(sensor_pose, measurements, time, from_touch)
             return
         window, rows = self._in_window(), self._rows
@@ -220,14 +207,12 @@ class HypothesisBank:
         rows.belief = belief.inflated(self._monitor.covariance_of_motion(moved_by))
         rows.displacement = np.zeros_like(rows.displacement)
         rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.age)
-        self._history.append(self._window.object_path())
         self._begin_rest()
 
-    def _abandon_contact(self, sensor_pose: Array, path: Array) -> None:
-        """Keep the best hypothesis of a graph that has no solution any more, with the poses (B, N, 3) that it had."""
+    def _abandon_contact(self, sensor_pose: Array) -> None:
+        """Keep the best hypothesis of a graph that has no solution any more."""
         self._take([0])
         rows, before = self._rows, sensor_pose if self._sensor_pose is None else self._sensor_pose
-        self._history.append(path[:1])
         pushed = self._monitor.covariance_of_motion(float(np.hypot(*(sensor_pose - before)[:2])))
         self._rows = replace(
             single(rows.belief.inflated(pushed), float(rows.sign[0])),
@@ -269,15 +254,13 @@ class HypothesisBank:
         self._drop_lost(self._window)
         return self._test_object_poses(step, self._rows.belief.pose[:, None])
 
-    def _continue_contact(self, step: Step, path: Array) -> bool:
-        """Take the next frame of a contact in all hypotheses, whose poses in the window are `path` (B, N, 3)."""
-        window, is_measured = self._in_window(), self._test_object_poses(step, path)
+    def _continue_contact(self, step: Step) -> bool:
+        """Take the next frame of a contact in all hypotheses; see `_begin_contact`."""
+        window = self._in_window()
+        is_measured = self._test_object_poses(step, window.object_path())
         spread = np.where(self._rows.disturbed_steps_left > 0, _SPREAD / math.sqrt(_BACK), 0.0)
-        leaving = window.add(step, spread)
-        is_found = ~window.rows["is_lost"]
+        window.add(step, spread)
         self._drop_lost(window)
-        if leaving is not None:
-            self._history.append(leaving[is_found, None])
         self._is_indeterminate = False
         return is_measured
 
@@ -360,7 +343,6 @@ class HypothesisBank:
         places = np.arange(len(self._rows.weight))[rows]
         if np.array_equal(places, np.arange(len(self._rows.weight))):
             return
-        self._history.append(places)
         self._rows = self._rows.take(places)
         if self._window is not None:
             self._window.take(places)

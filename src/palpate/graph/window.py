@@ -65,16 +65,15 @@ class Window:
         self._join(*terms_of(step, 0))
         self._solve(np.ones(len(rows), np.bool_))
 
-    def add(self, step: Step, spread: ArrayLike = 0.0) -> Array | None:
-        """Add the next step, and return the object poses (B, 3) of the step that leaves the window, if any does.
+    def add(self, step: Step, spread: ArrayLike = 0.0) -> None:
+        """Add the next step.
 
         `spread` (B,) [m] is the standard deviation of the slide over the sensor by which something else may move the
         object in this step; see `factors.STEP`. Raises EstimationError where no hypothesis has a solution.
         """
-        leaving, count = None, self._steps.shape[1]
+        count = self._steps.shape[1]
         terms, own = terms_of(step, self._left + count)  # may raise
         if count == self._lag:
-            leaving = self._steps["object"][:, 0].copy()
             self._marginalise()
         begun = np.zeros((len(self.rows), 1), STEP)
         begun["e"] = begun["measured"] = step.sensor_pose
@@ -84,7 +83,6 @@ class Window:
         self._own.time = step.times[-1]
         self._join(terms, own)
         self._solve(np.ones(len(self.rows), np.bool_), is_new=True)
-        return leaving
 
     def take(self, rows: Indices) -> None:
         """Keep these rows, in this order; a row may be taken several times."""

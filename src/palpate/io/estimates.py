@@ -11,7 +11,6 @@ about the axes of the header's frame as ROS has it, not the object's, and a `Dia
 import csv
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,10 +33,9 @@ LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 
 def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane) -> None:
     """Write estimates as messages. Raises FileError if the file exists, or times cannot be stamps."""
-    stamps, reasons = nanoseconds(path, trajectory.time), trajectory.reason or ("",) * len(trajectory)
-    fields: Any = trajectory.time, trajectory.pose, trajectory.covariance, trajectory.contact, trajectory.status
+    stamps, fields = nanoseconds(path, trajectory.time), vars(trajectory).values()
     with new_mcap(path) as file:
-        for stamp, *values in zip(stamps, *fields, reasons, strict=True):
+        for stamp, *values in zip(stamps, *fields, strict=True):
             add_estimate(file, plane, stamp, Estimate(*values))
 
 
@@ -73,13 +71,11 @@ def write_tum(data: Trajectory, path: Path) -> None:
 
 def write_estimates_csv(data: Trajectory, path: Path) -> None:
     """Write estimates with covariance, contact, status and reason. Raises FileError if the file exists."""
-    assert data.covariance is not None and data.contact is not None and data.status is not None
-    reasons = data.reason or ("",) * len(data)
     table = np.column_stack([data.time, data.pose, data.covariance[:, UPPER[0], UPPER[1]]])
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*COLUMNS, "reason"])
-        for row, contact, *words in zip(table.tolist(), data.contact, data.status, reasons, strict=True):
+        for row, contact, *words in zip(table.tolist(), data.contact, data.status, data.reason, strict=True):
             writer.writerow([*map(repr, row), int(contact), *words])
 
 

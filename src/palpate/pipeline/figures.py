@@ -67,7 +67,6 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
     from matplotlib.figure import Figure
 
     online, last = run.online, len(run.online) - 1
-    assert online.covariance is not None and online.contact is not None
     figure = Figure(figsize=(11.5, 5.8))
     # Fixed margins: a layout that fits itself to the texts takes as long as the drawing.
     figure.subplots_adjust(left=0.07, right=0.99, bottom=0.19, top=0.84, wspace=0.15, hspace=0.1)
@@ -120,7 +119,6 @@ def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
 def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     """Draw translation and rotation errors with their sigma over time, or sigma alone without truth."""
     online, time = run.online, run.online.time - run.online.time[0]
-    assert online.covariance is not None
     distance, angle = deviations(online.covariance)
     shade: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
     is_scored = bool(run.summary["scored_frames"])

@@ -135,7 +135,6 @@ def summarise(
     `yaw_shows` is False for a disc.
     """
     contact, status, covariance = online.contact, online.status, online.covariance
-    assert contact is not None and status is not None and covariance is not None
     translation = translation_errors(online.pose, truth) * 1e3
     rotation = np.degrees(rotation_errors(online.pose, truth))
     scored = np.flatnonzero(np.isfinite(translation))

@@ -1,4 +1,4 @@
-"""The folder of a tracking run: `trajectory.tum` has the smoothed estimates, all other files have the online ones."""
+"""The folder of a tracking run."""
 
 import json
 import os
@@ -70,7 +70,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     }
     for name, data in (("settings.json", settings), ("summary.json", run.summary)):
         (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    write_tum(run.smoothed, folder / "trajectory.tum")
+    write_tum(online, folder / "trajectory.tum")
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, plane=mcap)
@@ -81,7 +81,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
 
 
 def read_run(folder: Path) -> Run:
-    """Return a run as a page shows it, without other answers and smoothed poses. Raises FileError."""
+    """Return a run as a page shows it, without other answers. Raises FileError."""
     file = folder / "settings.json"
     if not file.exists():
         raise FileError(f"{folder}: is no run of palpate track: there is no settings.json in it")
@@ -101,4 +101,4 @@ def read_run(folder: Path) -> Run:
     truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
     summary = summarise(online, truth, step_ms := np.zeros(len(online)))
     known = TrackerSettings(), None, None, first, sigma
-    return Run(recording, *known, online, online, ((),) * len(online), step_ms, truth, summary)
+    return Run(recording, *known, online, ((),) * len(online), step_ms, truth, summary)

@@ -43,8 +43,6 @@ class Run:
     """Its standard deviations, (3,) [m, m, rad]."""
     online: Trajectory
     """Estimate at each frame from all frames up to it, with covariance, contact and status."""
-    smoothed: Trajectory
-    """Poses corrected by all frames of their contact."""
     answers: Answers
     """All answers at each frame, the best first; empty at frames with one, which is the estimate."""
     step_ms: Array
@@ -86,21 +84,18 @@ def track(
         if is_lacking:
             raise SettingError(f"{recording.file or 'the recording'}: has {words}")
     estimates: list[Estimate] = []
-    used, step_ms = np.zeros(len(recording), np.bool_), np.zeros(len(recording))
+    step_ms = np.zeros(len(recording))
     with kept_warnings() as warnings:
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
         sensor = turned_as(recording.sensor, calibration)
         start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
         tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
-        for index, (estimate, used[index], step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
+        for index, (estimate, step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
             estimates.append(estimate)
             if progress:
                 progress(index + 1)
     settings = replace(settings, tactile=tracker.tactile)
     online, answers = gathered(estimates)
-    smoothed = tracker.smoothed()
-    if not used.all():
-        smoothed = Trajectory(recording.time, smoothed.pose[np.maximum(np.cumsum(used) - 1, 0)], contact=online.contact)
     summary = summarise(
         online,
         truth,
@@ -117,11 +112,11 @@ def track(
     is_learnt = settings.tactile.startswith("learnt")
     model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
     known = calibration, first, sigma
-    return Run(recording, settings, model, *known, online, smoothed, answers, step_ms, truth, summary)
+    return Run(recording, settings, model, *known, online, answers, step_ms, truth, summary)
 
 
-def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, bool, float]]:
-    """Yield the estimate at each frame, False if the frame is skipped, and the time of the step [ms].
+def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, float]]:
+    """Yield the estimate at each frame, and the time of the step [ms].
 
     Skipped are frames whose image is damaged and those that the tracker refuses; there the estimate before, or of the
     first frame that is used, is repeated with status "faulty". Raises FrameError if the tracker refuses the first
@@ -144,13 +139,13 @@ def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Est
                 logger.warning("%s; it is skipped%s", error, more)
             if last is not None:
                 last = replace(last, time=when, status="faulty", reason=str(error))
-                yield last, False, (time.perf_counter() - start) * 1e3
+                yield last, (time.perf_counter() - start) * 1e3
             continue
         if last is None:
             for early, error in zip(recording.time.tolist(), skipped, strict=False):
-                yield replace(estimate, time=early, status="faulty", reason=str(error)), False, 0.0
+                yield replace(estimate, time=early, status="faulty", reason=str(error)), 0.0
         last = estimate
-        yield last, True, (time.perf_counter() - start) * 1e3
+        yield last, (time.perf_counter() - start) * 1e3
 
 
 def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers]:

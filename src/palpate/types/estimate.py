@@ -79,13 +79,13 @@ class Trajectory:
     """(N,) [s], strictly increasing."""
     pose: Array
     """world_T_object, (N, 3) [m, m, rad]."""
-    covariance: Array | None = None
+    covariance: Array
     """(N, 3, 3) [m, m, rad], of the tangent vector at the estimate (right, body frame), order x, y, theta."""
-    contact: NDArray[np.bool_] | None = None
+    contact: NDArray[np.bool_]
     """(N,) true while the sensor touched the object."""
-    status: tuple[str, ...] | None = None
+    status: tuple[str, ...]
     """(N,) status of each estimate."""
-    reason: tuple[str, ...] | None = None
+    reason: tuple[str, ...]
     """(N,) reason of each status, empty if there is none."""
 
     def __len__(self) -> int:

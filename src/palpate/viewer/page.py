@@ -62,7 +62,6 @@ def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    assert run.online.covariance is not None and run.online.status is not None
     figure = run_figure(run, at_end=False)
     canvas, (above, *plots) = FigureCanvasAgg(figure), figure.axes
     figure.subplots_adjust(right=0.84)

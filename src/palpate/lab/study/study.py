@@ -223,7 +223,6 @@ def _track(job: Job, settings: StudySettings) -> tuple[Job, Trial | _Failure]:
         words = words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
         return job, _Failure(words, recording is not None and isinstance(error, SettingError | ShapeError))
     online, truth = run.online, run.truth
-    assert online.covariance is not None and online.contact is not None
     trial = Trial(
         recording=name,
         method=method,
