@@ -88,7 +88,6 @@ class Tracker:
             may_be_mirrored=not (is_view_known or is_own),
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
-        self._begin()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the parts of a copy or a pickle, which goes on as this tracker would; the two share nothing.
@@ -111,10 +110,6 @@ class Tracker:
         self._touch.end_contact()
         self._gate.reset()
         self._bank.begin(*self._first)
-        self._begin()
-
-    def _begin(self) -> None:
-        self._touched_at = -math.inf  # [s] time of the last frame of contact
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.
@@ -196,8 +191,7 @@ class Tracker:
     def _report(self, frame: Frame) -> Estimate:
         """Return the estimate at the last frame."""
         gate, bank = self._gate, self._bank
-        self._touched_at = frame.time if bank.in_contact else self._touched_at
-        estimate = bank.report(frame.time, self._touched_at, gate.hidden_motion)
+        estimate = bank.report(frame.time, gate.hidden_motion)
         status, reason = estimate.status, gate.doubt or estimate.reason or gate.weakness
         if gate.hidden_motion:
             moved = f"the sensor may have moved {1e3 * gate.hidden_motion:.0f} mm since"
@@ -225,7 +219,7 @@ def warm_up() -> None:
     touch = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
     for step in range(LAG + 3):
         bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), touch, step / 30.0)
-    bank.report(2.0, 2.0)
+    bank.report(2.0)
     bank.end_contact()
     bank.rest_step(np.array([-0.1, 0.0, 0.0]), (), 2.0)
 

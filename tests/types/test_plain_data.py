@@ -1,10 +1,12 @@
 """Shapes and sensors as plain data, as files hold them."""
 
+from dataclasses import asdict
+
 import pytest
 
 from palpate import DIGIT, POINT, Polygon, Rectangle, SensorProfile, SettingError, ShapeError
 from palpate.geometry.shapes import shape_from_dict, shape_to_dict
-from palpate.types.sensor import sensor_from_dict, sensor_to_dict
+from palpate.types.sensor import sensor_from_dict
 
 TYPES = "disc, rectangle, ellipse, polygon"
 
@@ -13,7 +15,7 @@ def test_round_trips():
     for shape in (Rectangle(0.051, 0.036), Polygon([(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)])):
         assert shape_from_dict(shape_to_dict(shape)) == shape
     for sensor in (DIGIT, SensorProfile("two", 0.004, ((0.0, -0.02), (0.0, 0.02)))):
-        assert sensor_from_dict(sensor_to_dict(sensor)) == sensor
+        assert sensor_from_dict(asdict(sensor)) == sensor
     assert shape_from_dict({"type": "rectangle", "size_x": 1, "size_y": 2}) == Rectangle(1.0, 2.0)
     assert sensor_from_dict({"name": "point", "radius": 0}) == POINT
 

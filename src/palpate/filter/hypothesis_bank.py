@@ -37,10 +37,6 @@ _BACK = 10  # steps before an alarm in which a hand may have moved the object
 _SPREAD = 0.012  # [m] standard deviation of the object's slide over the sensor meanwhile
 _SLIDES = np.array([0.0, 0.018, -0.018, 0.036, -0.036])  # [m] slides over the sensor that become hypotheses
 _UNDECIDED = 0.48  # [s] for which one group is contradicted and the other is not: 15 frames at 30 Hz
-_EDGE = 0.02
-"""Angle over which sticking turns into sliding at the cone's edge [rad]. While a contact slides, the graph holds the
-force at the edge, so that friction and angle err together; on simulated pushes, of the steps with a given probability
-about that share did slide."""
 _MIRRORED = (
     "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
     "it with palpate calibrate --presses, for the outline may be mirrored or the first pose wrong instead"
@@ -105,11 +101,8 @@ class HypothesisBank:
         gap, deviation = self._monitor.clearance(self._rows.belief, sensor_pose)
         return float(gap[0]), float(deviation[0])
 
-    def report(self, time: float, touched_at: float, hidden_motion: float = 0.0) -> Estimate:
-        """Return the estimate at a time [s]; the object was last touched at another.
-
-        Since the last frame the sensor may have moved by `hidden_motion` [m].
-        """
+    def report(self, time: float, hidden_motion: float = 0.0) -> Estimate:
+        """Return the estimate at a time [s]; since the last frame the sensor may have moved by `hidden_motion` [m]."""
         window, rows, grip = self._window, self._rows, IN_OBJECT[GRIP].start
         belief = rows.belief
         covariance, covariances, status, reason = self._monitor.assessed(rows, window is not None)
@@ -120,14 +113,11 @@ class HypothesisBank:
         every = zip(belief.pose.copy(), covariances.copy(), rows.weight.tolist(), strict=True)
         friction, spread = float(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
         point = normal = None
-        sliding = math.nan
         if window is not None:
             last, (x, y, theta) = window.last(0), belief.pose[0].tolist()
             turn = complex(math.cos(theta), math.sin(theta))
             point = _vector(complex(x, y) + turn * last["touch"]["point"])
             normal = _vector(turn * last["touch"]["normal"] / abs(last["touch"]["normal"]))
-            beyond = math.atan(friction) - abs(float(last["force_angle"]))
-            sliding = 0.5 * math.erfc(beyond / (math.sqrt(2.0) * _EDGE))
         return Estimate(
             time=time,
             pose=belief.pose[0].copy(),
@@ -139,8 +129,6 @@ class HypothesisBank:
             friction=(friction, spread),
             contact_point=point,
             contact_normal=normal,
-            sliding=sliding,
-            touch_age=time - touched_at,
         )
 
     def rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:

@@ -277,10 +277,7 @@ _SHAPES: dict[str, type[Shape]] = {kind.__name__.lower(): kind for kind in (Disc
 
 def shape_to_dict(shape: Shape) -> dict[str, Any]:
     """Return the shape as plain data for JSON, for example {"type": "disc", "radius": 0.088}."""
-    data = asdict(shape)
-    if isinstance(shape, Polygon):
-        data["vertices"] = [list(vertex) for vertex in shape.vertices]
-    return {"type": type(shape).__name__.lower(), **data}
+    return {"type": type(shape).__name__.lower(), **asdict(shape)}
 
 
 def scaled(shape: Shape, scale: float) -> Shape:

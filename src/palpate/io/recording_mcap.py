@@ -10,6 +10,7 @@ import io
 import json
 import logging
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, MessageWriter, decod
 from palpate.io.rosbag_reader import CutShort, front_matter, is_mcap, mcap_messages
 from palpate.io.rosbag_recording import BagChoices, read_bag
 from palpate.types.recording import Recording
-from palpate.types.sensor import SensorProfile, sensor_from_dict, sensor_to_dict
+from palpate.types.sensor import SensorProfile, sensor_from_dict
 from palpate.types.space import flat
 
 logger = logging.getLogger(__name__)
@@ -41,7 +42,7 @@ def is_recording(path: Path) -> bool:
 def describe(file: MessageWriter, shape: Shape, sensor: SensorProfile, more: Mapping[str, str] | None = None) -> None:
     """Add the metadata that make an MCAP of sensor messages a recording; they come before the first message."""
     about = {"version": VERSION, "shape": json.dumps(shape_to_dict(shape))}
-    file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(sensor_to_dict(sensor)), **(more or {})})
+    file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(asdict(sensor)), **(more or {})})
 
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:

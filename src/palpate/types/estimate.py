@@ -64,11 +64,6 @@ class Estimate:
     several tips it is the middle of the loaded part."""
     contact_normal: Array | None = None
     """Outward normal of the outline there, (2,), world frame; None between contacts."""
-    sliding: float = math.nan
-    """Probability that the contact slides, that is, that the pushing force is outside the friction cone, by the best
-    answer. NaN where it is unknown: between contacts and at the first frame of one."""
-    touch_age: float = math.inf
-    """Time since the object was last touched [s]: 0 in contact, infinite before the first."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ out of the gel along the push, y along the pad's width and z up. Image columns r
 import math
 import reprlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from numbers import Integral, Real
 from typing import Any
 
@@ -142,13 +142,8 @@ class SensorProfile:
         return [np.array(tip) + np.concatenate([arc, back]) for tip in self.tips]
 
 
-def sensor_to_dict(sensor: SensorProfile) -> dict[str, Any]:
-    """Return the profile as plain data for JSON."""
-    return {**asdict(sensor), "tips": [list(tip) for tip in sensor.tips]}
-
-
 def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
-    """Return the profile that `sensor_to_dict` wrote; raises SettingError on a missing or unknown field."""
+    """Return the profile whose fields were written; raises SettingError on a missing or unknown field."""
     if not isinstance(data, Mapping):
         raise SettingError(f"a sensor must be an object with fields, not {data!r}")
     allowed = [field.name for field in fields(SensorProfile)]
