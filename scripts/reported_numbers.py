@@ -50,7 +50,7 @@ class Table:
 MM, DEG = "final_translation_error_mm", "final_rotation_error_deg"
 FINAL = {"final error": "{mm:.1f} mm, {deg:.1f}° ({worst_mm:.0f}, {worst_deg:.0f})"}
 SCORES = {**FINAL, "in 95 %: contact, end": "{contact:.0%}, {end:.0%}", "silently wrong": "{silent:.1%}"}
-OF_OBJECTS = {"objects": "{name}", "sequences": "{count}", **SCORES}
+OF_OBJECTS = {"objects": "{name}", "sequences": "{count}", **SCORES, "`ambiguous`": "{ambiguous:.0%}"}
 SEEN = {
     "disc": "disc",
     "ellipse": "ellipse",
@@ -70,7 +70,7 @@ def loaded(path: str) -> Any:
 def sequences(study: str) -> list[Row]:
     """Return the rows of a reported study, with numbers for texts; None where a cell is empty."""
     words = {"": None, "True": 1.0, "False": 0.0}
-    texts = ("recording", "group", "tactile", "smoother")
+    texts = ("recording", "group", "tactile", "smoother", "final_status", "final_reason")
     with (ROOT / f"docs/study/{study}/sequences.csv").open(encoding="utf-8", newline="") as file:
         return [
             {key: text if key in texts else words[text] if text in words else float(text) for key, text in row.items()}
@@ -97,6 +97,7 @@ def scored(name: str, rows: Sequence[Row]) -> Row:
         "contact": mean("in_95_contact_share"),
         "end": mean("in_95_final"),
         "silent": mean("silently_wrong_share"),
+        "ambiguous": mean("ambiguous_share"),
         "nees": f"{median(known('nees_mean')):.1f}, {mean('nees_mean'):.1f}",
         "lost": f"{sum(known('lost')):.0f}",
     }
@@ -112,11 +113,11 @@ def by_contact(study: str) -> Iterator[Row]:
 
 
 def knocked() -> Iterator[Row]:
-    """Yield a row for each contact with a shoved object, and for all."""
+    """Yield a row for each shoved object, and for all."""
     rows = sequences("knocked")
-    for group in dict.fromkeys(row["group"] for row in rows):
-        yield scored(group.replace("-", " "), [row for row in rows if row["group"] == group])
-    yield scored("all groups", rows)
+    for name in dict.fromkeys(row["group"].partition("-")[0] for row in rows):
+        yield scored(name, [row for row in rows if row["group"].partition("-")[0] == name])
+    yield scored("all", rows)
 
 
 def ways() -> Iterator[Row]:
