@@ -3,7 +3,6 @@
 python scripts/make_status_pictures.py
 """
 
-import math
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -13,10 +12,9 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from palpate import DIGIT, Estimate, ObjectPose, Recording, Rectangle, Tracker, TrackerSettings
+from palpate import Estimate, Recording, Tracker, TrackerSettings
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES
-from palpate.graph.contact_geometry import contact_model
 from palpate.lab.simulate.recordings import plan
 from palpate.pipeline.metrics import deviations
 
@@ -25,7 +23,6 @@ from matplotlib import pyplot as plt
 from matplotlib.patches import Patch
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from limit_surface import Steering, push
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs/pictures"
 FLOOR = 0.1
@@ -46,40 +43,21 @@ def simulated(shape: str, seed: int, index: int = 0, knocks: bool = False) -> Re
     return list(plan({shape: SHAPES[shape]}, index + 1, seed, knocks=knocks, seconds=15.0).values())[index].run()
 
 
-def turned_by_hand(angle: float) -> Recording:
-    """Return a push drawn from the estimator's own model, in which a hand turns the object about the sensor's apex."""
-    outline = Rectangle(0.12, 0.08)
-    model = contact_model(outline, DIGIT)
-    parts, object_pose, touched = [], np.zeros(3), np.array([-0.06, 0.01, 0.0])
-    for _ in range(2):
-        objects, sensors = push(model, object_pose[None], touched[None], 60, Steering())
-        parts.append((objects[:, 0], sensors[:, 0]))
-        turned = se2.compose(sensors[-1, 0], np.array([0.0, 0.0, angle]))
-        object_pose = se2.compose(turned, se2.between(sensors[-1, 0], objects[-1, 0]))
-        touched = se2.between(object_pose, sensors[-1, 0])
-    objects, sensors = (np.concatenate(each) for each in zip(*parts, strict=True))
-    time, contact = np.arange(len(objects)) / DIGIT.rate, np.ones(len(objects), np.bool_)
-    return Recording(time, sensors, outline, DIGIT, objects, contact)
-
-
 def tracked(
     recording: Recording,
     settings: TrackerSettings,
     off: Sequence[float] = (0.0, 0.0, 0.0),
     sigma: Sequence[float] | None = None,
-    absurd: int | None = None,
 ) -> list[Estimate]:
     """Return the estimates of a recording.
 
-    Its first pose is `off` [m, m, rad], and known as well as `sigma` says. At the frame `absurd` a camera sees the
-    object 100 km away, and is sure of it.
+    Its first pose is `off` [m, m, rad], and known as well as `sigma` says.
     """
     truth = recording.object_pose
     assert truth is not None
     first = se2.compose(truth[0], np.asarray(off))
     tracker = Tracker(recording.shape, recording.sensor, first, settings, first_pose_sigma=sigma)
-    far = ObjectPose(np.array([1e5, 0.0, 0.0]), 1e-6 * np.eye(3))
-    return [tracker.update(frame, [far] if k == absurd else []) for k, frame in enumerate(recording)]
+    return [tracker.update(frame) for frame in recording]
 
 
 def draw(status: str, recording: Recording, estimates: Sequence[Estimate]) -> None:
@@ -116,18 +94,14 @@ def draw(status: str, recording: Recording, estimates: Sequence[Estimate]) -> No
 def main() -> None:
     """Draw all of them, and say which statuses came up."""
     learnt = TrackerSettings(tactile="learnt")
-    turned = turned_by_hand(math.radians(0.8))
-    sure = TrackerSettings("oracle", hypotheses=1)
     calm, shoved = simulated("rectangle", 2), simulated("rectangle", 2, knocks=True)
     moved = simulated("rectangle", 9002, 2, knocks=True)
     rough: dict[str, Any] = {"off": (0.02, 0.02, 0.2), "sigma": (0.03, 0.03, 0.3)}
     runs = {
         "tracking": (calm, tracked(calm, learnt)),
         "ambiguous": (shoved, tracked(shoved, learnt)),
-        "strained": (turned, tracked(turned, sure)),
         "uncertain": (calm, tracked(calm, learnt, **rough)),
         "displaced": (moved, tracked(moved, learnt)),
-        "indeterminate": (calm, tracked(calm, learnt, absurd=268)),  # in the middle of a contact
     }
     for status, (recording, estimates) in runs.items():
         draw(status, recording, estimates)

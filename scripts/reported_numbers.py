@@ -358,7 +358,7 @@ TABLES: dict[str, Table] = {
     "better-touch": Table(
         {
             "noise of directions and turns": "{name}",
-            "error in contact: set-up errors, ideal": "{set_up_errors[rmse_median_mm]:.1f}, {ideal[rmse_median_mm]:.1f} mm",
+            "error: set-up errors, ideal": "{set_up_errors[rmse_median_mm]:.1f}, {ideal[rmse_median_mm]:.1f} mm",
             "final error": "{set_up_errors[final_mm]:.1f}, {ideal[final_mm]:.1f} mm",
             "in 95 %": "{set_up_errors[in_95_contact_share]:.0%}, {ideal[in_95_contact_share]:.0%}",
             "nats": "{set_up_errors[nats]:.1f}, {ideal[nats]:.1f}",
