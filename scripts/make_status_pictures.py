@@ -3,7 +3,6 @@
 python scripts/make_status_pictures.py
 """
 
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,8 +20,6 @@ from palpate.pipeline.metrics import deviations
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.patches import Patch
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs/pictures"
 FLOOR = 0.1
