@@ -24,8 +24,8 @@ AHEAD = 6
 _FRAMES = 10  # of which distances from measured poses are kept
 _GRACE = 25  # frames after which a poor hypothesis goes
 _COST_SHARE, _MOST_OF_A_STEP = 0.3, 10.0
-"""Share of the costs that counts, at which stated weights are as often right as they say; largest cost of a step beyond
-the best hypothesis' one."""
+"""Share of the costs that counts, with which weights are right as often as they say unless somebody shoves the object;
+largest cost of a step above that of the best hypothesis."""
 _NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 

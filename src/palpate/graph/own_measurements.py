@@ -1,8 +1,7 @@
 """Measurements that bring their own residual, for sources that palpate does not know; see `OwnMeasurement`.
 
-A measurement of the object's pose is
-converted to the poses in the graph: with o = e g^-1, a perturbation d of e perturbs o by `Ad_g d`, one of g by
-`-Ad_g d`.
+A measurement of the object's pose is converted to the poses in the graph: with o = e g^-1, a perturbation d of e
+perturbs o by `Ad_g d`, one of g by `-Ad_g d`.
 """
 
 import logging
@@ -36,7 +35,7 @@ _ROWS = 6  # of a measurement, at most
 
 @dataclass(eq=False)
 class OwnMeasurements:
-    """Own measurements in a graph, and what is known of their classes."""
+    """The user's own measurements in a window, with the result of the Jacobian check of each class."""
 
     given: list[tuple[int, OwnMeasurement]] = field(default_factory=list)
     """Measurements with their steps."""
