@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.checks import FARTHEST
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.geometry.se2 import Sigmas
@@ -243,13 +242,13 @@ class TrackerSettings:
                 raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
         if not isinstance(self.noise, NoiseSettings):
             raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
-        for name, count, most in (("disturbance_rate", (), 10.0), ("tolerance", (2,), FARTHEST)):
-            numbers = finite_numbers(getattr(self, name), count)
-            if numbers is None or not ((numbers > 0.0) & (numbers <= most)).all():
-                allowed = (
-                    "two numbers above 0: a length [m] and an angle [rad]" if count else "a rate above 0, up to 10/s"
-                )
-                raise SettingError(f"{name} is {getattr(self, name)!r}; allowed are {allowed}")
+        for name, most, allowed in (
+            ("disturbance_rate", 10.0, "a rate above 0, up to 10/s"),
+            ("tolerance", (1.0, np.pi), "a length above 0, up to 1 m, and an angle [rad] above 0, up to pi"),
+        ):
+            numbers = finite_numbers(given := getattr(self, name), np.shape(most))
+            if numbers is None or isinstance(given, bool) or not ((numbers > 0.0) & (numbers <= most)).all():
+                raise SettingError(f"{name} is {given!r}; allowed are {allowed}")
         if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is a whole number from 1 on")
         # NumPy's numbers cannot be written as JSON.

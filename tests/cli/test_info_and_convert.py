@@ -21,6 +21,13 @@ def test_info_shows_the_contents_of_a_recording(succeeds, json_of):
     assert [contact["start_s"] for contact in found["contacts"]] == pytest.approx([5 / 30, 32 / 30])
 
 
+def test_info_shows_the_innovations_of_a_run(succeeds, json_of):
+    succeeds("track", "push.mcap", "--out", "run")
+    scores = json_of("info", "run")["innovations"]
+    assert set(scores) >= {"contact", "sensor_pose", "sticking", "balance"} and scores["contact"]["count"] > 0
+    assert any(line.startswith("contact ") for line in succeeds("info", "run").splitlines())
+
+
 def test_info_counts_findings_that_repeat_and_begins_time_at_the_first_frame(succeeds):
     push = pushed()
     palpate.write_recording(replace(push, time=push.time + 1.7e9), "later.mcap")

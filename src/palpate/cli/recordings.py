@@ -21,17 +21,20 @@ def info(
     sensor: Sensor = "digit",
     orientation: Orientation = "",
 ) -> Report:
-    """Show the contents of a recording (rates, gaps, contacts, truth), a bag or a calibration, and problems in it.
+    """Show the contents of a recording (rates, gaps, contacts, truth), a bag, a calibration or a run, and its problems.
 
     Example: palpate info push.mcap
 
     Args:
-        file: A recording in any known format, a bag, or a calibration.
+        file: A recording in any known format, a bag, a calibration, or the folder of a run.
     """
     from palpate import io as formats
+    from palpate.files import read_json
     from palpate.geometry.shapes import shape_to_dict
     from palpate.pipeline.check_recording import check_recording
 
+    if (summary := file / "summary.json").exists():
+        return Report(file.name, {"file": str(file), "format": "run", **read_json(summary)})
     kind = formats.detect_format(file)
     if kind is None and file.suffix.lower() == ".npz":
         from palpate.touch.calibration import load_calibration

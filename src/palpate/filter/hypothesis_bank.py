@@ -129,6 +129,7 @@ class HypothesisBank:
             friction=(friction, spread),
             contact_point=point,
             contact_normal=normal,
+            innovations=None if window is None else window.rows["innovations"][0].copy(),
         )
 
     def rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:

@@ -53,7 +53,8 @@ def _record(formats: dict[str, Any]) -> np.dtype:
 
 
 TERM = _record(
-    dict.fromkeys(("step", "kind", "value", "variance", "from_touch"), "f8") | {"pose": "3f8", "root": "(3,3)f8"}
+    dict.fromkeys(("step", "kind", "value", "variance", "from_touch", "arrived"), "f8")
+    | {"pose": "3f8", "root": "(3,3)f8"}
 )
 """The term of a measurement: a row (TERM_SIZE,) of numbers.
 
@@ -61,6 +62,7 @@ TERM = _record(
 - kind: place of its factor in NAMES.
 - value, variance: measured angle [rad] or place [m].
 - from_touch: 1 if the value was read from touch images, which may be mirrored.
+- arrived: the step with which it arrived, which is later if it is late.
 - pose, root: measured pose of the object, and the whitening matrix of its covariance.
 """
 TERM_SIZE = TERM.itemsize // 8
@@ -95,6 +97,7 @@ ROW = _record(
     | {"past": PAST, "next_past": PAST}
     | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": f"({LONG},3)f8", "change": "f8"}
     | {"inconsistency": "f8", "recent": f"(2,{len(NAMES) + 1})f8"}
+    | {"innovations": f"({len(NAMES)},6,3)f8", "moved": f"{LAST_SIZE}f8"}
     | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_lost": "?"}
 )
 """All else in a row of the window.
@@ -109,7 +112,9 @@ ROW = _record(
 - inconsistency: mean of these squares, the largest of the three.
 - recent: mean square error of each factor in the last SHORT and the last LONG steps, without kernels [variances], and
   the cost of their measurements; 0 until there are so many steps.
-- change: largest change of a pose in the last Gauss-Newton step [m, rad].
+- innovations: of the rows of each factor that arrived with the last step, see `Estimate.innovations`.
+- moved: change of the last step and the shared variables in the last Gauss-Newton step.
+- change: largest change of a pose in it [m, rad].
 - last_root, last_y: what is left of the last step and the shared variables once they are eliminated.
 - is_lost: True if there is no solution.
 """
@@ -190,14 +195,14 @@ def terms_of(step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasure
     for index, one in enumerate(step.measurements):
         is_touch = index < step.from_touch
         if isinstance(one, ContactDirection):
-            found.append((number, DIRECTION, one.angle, one.variance, is_touch, *_NO_POSE))
+            found.append((number, DIRECTION, one.angle, one.variance, is_touch, number, *_NO_POSE))
         elif isinstance(one, ContactPlace):
-            found.append((number, PLACE, one.place, one.variance, is_touch, *_NO_POSE))
+            found.append((number, PLACE, one.place, one.variance, is_touch, number, *_NO_POSE))
         elif isinstance(one, Turn):
-            found.append((number, TURN, one.angle, one.variance, is_touch, *_NO_POSE))
+            found.append((number, TURN, one.angle, one.variance, is_touch, number, *_NO_POSE))
         elif isinstance(one, ObjectPose):
             root, its = np.linalg.inv(np.linalg.cholesky(one.covariance)), number + step_of(one, step.times)
-            found.append((its, OBJECT_POSE, 0.0, 0.0, False, *one.pose.tolist(), *root.ravel().tolist()))
+            found.append((its, OBJECT_POSE, 0.0, 0.0, False, number, *one.pose.tolist(), *root.ravel().tolist()))
         elif isinstance(one, OwnMeasurement):
             own.append((number + step_of(one, step.times), one))
     found.sort(key=lambda term: term[:2])

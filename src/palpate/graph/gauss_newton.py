@@ -14,11 +14,12 @@ import numpy as np
 from palpate.compiled import Array, Flags, Integers, Records, compiled, kernel
 from palpate.graph import factors, measured, pushing
 from palpate.graph.contact_geometry import Surface, put_touch
-from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SHORT, STICKING
+from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SENSOR_POSE, SHORT, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
+_PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
 _CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 
 
@@ -92,6 +93,7 @@ def improve(
             _put_touch(its[len(its) - 1], surface)
             _conclude(its, row, settings[0], is_new, work[0])
             _put_recent(its, left, row)
+            _put_innovations(its, left, row, terms, (own[0], own[1][b]), settings[0], work[0].linear)
 
 
 @kernel
@@ -239,6 +241,8 @@ def _move(steps: Records, row: Records, change: Array) -> bool:
         return False
     for i in range(SHARED_SIZE):
         row.shared[i] += change[2 * STEP_SIZE + i]
+    for i in range(LAST_SIZE):
+        row.moved[i] = change[STEP_SIZE + i]
     for k in range(len(steps) - 1, -1, -1):
         now = steps[k]
         exp_onto(now.g, change, STEP_SIZE)
@@ -265,6 +269,7 @@ def _conclude(steps: Records, row: Records, settings: Records, is_new: bool, wor
     for k in range(max(last - pushing.REACH, 0), last):
         steps[k].turn_g, steps[k].turn_e = rotation(steps[k].g[2]), rotation(steps[k].e[2])
     now.force_angle = pushing.force_angle(steps, last, row, settings)
+    row.innovations[:SENSOR_POSE] = 0.0
     if last > 0 and now.spread == 0.0:
         if is_new:
             for i in range(LONG - 1):
@@ -273,6 +278,7 @@ def _conclude(steps: Records, row: Records, settings: Records, is_new: bool, wor
         for kind in (STICKING, BALANCE):  # sticking has two rows, balance one
             for r in range(of_step(kind, before, now, row, settings, out)):
                 row.errors[LONG - 1, 2 * kind + r] = out.residual[r] ** 2 * out.information[r]
+                row.innovations[kind, r, 0], row.innovations[kind, r, 2] = out.residual[r], 1.0 / out.information[r]
                 out.jacobian[r] = 0.0
         row.inconsistency = 0.0
         for r in range(3):
@@ -300,6 +306,51 @@ def _put_recent(steps: Records, left: int, row: Records) -> None:
                 recent[kind] += steps[k].squares[kind]
                 number += steps[k].counts[kind]
             recent[kind] /= max(number, 1.0)
+
+
+@kernel
+def _put_innovations(
+    its: Records, left: int, row: Records, terms: Records, own: tuple[Integers, Array], settings: Records, out: Records
+) -> None:
+    """Write the innovations of the last step's sensor pose, contact and own measurements, and of terms that arrived."""
+    last = len(its) - 1
+    row.innovations[SENSOR_POSE:] = 0.0
+    for kind in (SENSOR_POSE, CONTACT):
+        _put_innovation(kind, last, of_step(kind, its[last], its[last], row, settings, out), 0.0, its, row, out)
+    for t in range(len(terms)):
+        if terms[t].arrived == left + last:
+            k = int(terms[t].step) - left
+            count = of_term(its[k], row, terms[t], settings, out)
+            _put_innovation(int(terms[t].kind), k, count, terms[t].variance, its, row, out)
+    for m in range(len(own[1])):
+        if own[0][m] == left + last:
+            count = _copy(own[1][m], out)
+            for r in range(count):  # its residual is from before the last Gauss-Newton step
+                for i in range(LAST_SIZE):
+                    out.residual[r] += out.jacobian[r, STEP_SIZE + i] * row.moved[i]
+            _put_innovation(OWN, last, count, 0.0, its, row, out)
+
+
+@kernel
+def _put_innovation(kind: int, k: int, count: int, stated: float, steps: Records, row: Records, out: Records) -> None:
+    """Write the innovations of the linearised rows of a factor of step k, and clear these.
+
+    The residual r once all is fused, and the variance a = H P H' that is left of it, give the innovation r R / (R - a)
+    before the row was fused with variance R, and the variance a R / (R - a) of what was predicted. There is none where
+    nothing else predicts the row. A `stated` variance of 0 is that of the settings.
+    """
+    for r in range(count):
+        jacobian, variance = out.jacobian[r], 0.0
+        for j in range(k, len(steps) - 1):
+            for i in range(STEP_SIZE):
+                jacobian[i], jacobian[STEP_SIZE + i] = jacobian[STEP_SIZE + i], 0.0
+            variance += substitute_forward(0, steps[j].root, jacobian)
+        variance += substitute_forward(STEP_SIZE, row.last_root, jacobian)
+        jacobian[:] = 0.0
+        share, innovation = 1.0 - variance * out.weight[r], row.innovations[kind, r]
+        if share > _PREDICTED:
+            innovation[0], innovation[1] = out.residual[r] / share, variance / share
+            innovation[2] = stated if stated > 0.0 else 1.0 / out.information[r]
 
 
 @kernel
@@ -367,6 +418,18 @@ def substitute_back(first: int, root: Array, y: Array, change: Array) -> bool:
         if not math.isfinite(change[first + c]):
             return False
     return True
+
+
+@kernel
+def substitute_forward(first: int, root: Array, row: Array) -> float:
+    """Eliminate numbers from `first` on from a row (WIDTH,) by their root; return the variance that they give it."""
+    variance = 0.0
+    for p in range(len(root)):
+        share = row[first + p] / root[p, first + p]
+        variance += share**2
+        for j in range(first + p, WIDTH):
+            row[j] -= share * root[p, j]
+    return variance
 
 
 @kernel

@@ -4,12 +4,14 @@ Frames without trusted ground truth have NaN errors and are not scored.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.geometry import se2
+from palpate.graph.factors import NAMES
 from palpate.types.estimate import Trajectory
 
 Array = NDArray[np.float64]
@@ -175,6 +177,28 @@ def summarise(
         "silently_wrong_share": _mean(silent[since]),
         "ambiguous_share": _mean((np.array(status) == "ambiguous")[contact]),
     }
+
+
+def innovation_scores(innovations: Sequence[Array | None]) -> dict[str, dict[str, float | None]]:
+    """Return scores of the `Estimate.innovations` of N frames for each factor that has some; 1, 1 and 0 are right.
+
+    The mean square is in units of the predicted and the stated variance together, the variance ratio in those of the
+    stated one alone, if it is no less than a hundredth of the other. The autocorrelation is from frame to frame.
+    """
+    none, scores = np.zeros((len(NAMES), 6, 3)), {}
+    found = np.moveaxis(np.array([none if each is None else each for each in innovations]), -1, 0)
+    for name, value, predicted, stated in zip(NAMES, *found.swapaxes(1, 2), strict=True):
+        if (there := stated > 0.0).any():
+            unit = np.divide(value, np.sqrt(predicted + stated), where=there, out=np.full_like(value, np.nan))
+            square, product = _mean(unit**2) or 0.0, _mean(unit[1:] * unit[:-1])
+            tested = there & (predicted < 100.0 * stated)
+            scores[name] = {
+                "count": int(there.sum()),
+                "mean_square": square,
+                "variance_ratio": _mean(value[tested] ** 2 / stated[tested]),
+                "autocorrelation": product / square if product is not None and square else None,
+            }
+    return scores
 
 
 def since_contact(contact: Flags, nees: Array) -> Flags:

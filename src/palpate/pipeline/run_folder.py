@@ -100,5 +100,6 @@ def read_run(folder: Path) -> Run:
         )
     truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
     summary = summarise(online, truth, step_ms := np.zeros(len(online)))
+    summary["innovations"] = read_json(folder / "summary.json").get("innovations", {})
     known = TrackerSettings(), None, None, first, sigma
     return Run(recording, *known, online, ((),) * len(online), step_ms, truth, summary)

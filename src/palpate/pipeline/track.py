@@ -15,7 +15,7 @@ from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
-from palpate.pipeline.metrics import flag_runs, summarise
+from palpate.pipeline.metrics import flag_runs, innovation_scores, summarise
 from palpate.touch.calibration import Calibration, turned_as
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
@@ -106,6 +106,7 @@ def track(
         knocks=len(flag_runs(np.ravel(recording.extra.get("knocked", 0.0)) > 0.0)),  # as a simulation states them
         wall_s=time.perf_counter() - begin,
     )
+    summary["innovations"] = innovation_scores([estimate.innovations for estimate in estimates])
     summary |= {"final_reason": estimates[-1].reason, "warnings": warnings, "mirrored": tracker.mirrored}
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
@@ -138,7 +139,7 @@ def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Est
                 more = ", further ones without a word" if len(skipped) == 5 else ""
                 logger.warning("%s; it is skipped%s", error, more)
             if last is not None:
-                last = replace(last, time=when, status="faulty", reason=str(error))
+                last = replace(last, time=when, status="faulty", reason=str(error), innovations=None)
                 yield last, (time.perf_counter() - start) * 1e3
             continue
         if last is None:
