@@ -42,7 +42,7 @@ def test_a_tuning_writes_a_file_that_track_takes(tune, run_palpate):
     assert {key: found[key] for key in tuned} == tuned
     assert tuned["recordings"] == ["push-0.mcap", "push-1.mcap", "push-2.mcap", "push-4.mcap"]
     assert tuned["held_out"] == ["push-3.mcap"] and tuned["evaluations"] == 8
-    assert tuned["after"]["score"] < tuned["before"]["score"]
+    assert tuned["after"]["nats"] > tuned["before"]["nats"]
     assert set(tuned["held_out_after"]) == set(tuned["before"])
     # Nothing but the parameters has changed.
     before = palpate.NoiseSettings()
@@ -109,4 +109,4 @@ def test_an_interrupted_tuning_leaves_the_best_settings_so_far(tune, monkeypatch
     assert tune(*WORDS)[0] == 130
     tuned = content()["tuned"]
     assert tuned["evaluations"] == 3 and tuned["held_out_after"] is None
-    assert tuned["after"]["score"] == min(each.score for each in judged)
+    assert tuned["after"]["nats"] == max(each.nats for each in judged)

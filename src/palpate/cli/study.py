@@ -215,7 +215,7 @@ def tune(
 
     def keep(tuning: "Tuning") -> dict[str, Any]:
         """Write the settings of a tuning, and return what is said of it."""
-        show(tuning.evaluations, f"{tuning.before.score:.3f} -> {tuning.after.score:.3f}")
+        show(tuning.evaluations, f"{tuning.before.nats:.3f} -> {tuning.after.nats:.3f}")
         names = ("before", "after", "held_out_before", "held_out_after")
         judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
         found = about | {

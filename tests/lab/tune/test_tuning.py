@@ -2,12 +2,14 @@
 
 from dataclasses import fields, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from limit_surface import Steering, push
 from push_samples import SHAPES, contact_directions, draw_residuals, model_of, noisy, sensor, touching, with_settings
+from scipy.stats import multivariate_normal
 
 from palpate import ContactDirection, EstimationError, NoiseSettings, Recording, SettingError, TrackerSettings, Turn
 from palpate.config import Priors
@@ -18,9 +20,7 @@ from palpate.lab.tune.tuning import (
     TUNABLE,
     WORST,
     Tuning,
-    damped,
     judge,
-    negative_log_likelihood,
     parameters_of,
     tune,
     value_of,
@@ -90,14 +90,14 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
     assert found.held_out is not None
     worse, better = found.held_out
     truth = judge(drawn(8)[3::4], settings())
-    assert better.score < worse.score - 0.1 and better.score < truth.score + 0.4
+    assert better.nats > worse.nats + 0.1 and better.nats > truth.nats - 0.4
     # What is reported is what the settings do, and nothing but what was asked for has changed.
     noise = found.settings.noise
     assert judge([recorded for index, recorded in enumerate(drawn(8)) if index % 4 != 3], found.settings) == found.after
     assert noise == with_settings(TRUE, sticking={"share": noise.sticking.share})
     # It never gets worse on the way, and says so.
     assert [each.evaluations for each in seen] == list(range(1, len(seen) + 1)) and len(seen) > 4
-    assert (np.diff([each.after.score for each in seen]) <= 0.0).all()
+    assert (np.diff([each.after.nats for each in seen]) >= 0.0).all()
     assert seen[0].after == seen[0].before == found.before and seen[-1].after == found.after
 
 
@@ -151,10 +151,22 @@ def test_the_score_of_a_recording_by_hand():
     contact[-4:] = False
     recorded = replace(recorded, recording=replace(recorded.recording, contact=contact))
     online = track_recorded(recorded, settings())
-    each = negative_log_likelihood(online.pose, online.covariance, recorded.truth)  # pyright: ignore[reportArgumentType]
-    # Frames 0 to 12 are in contact, 5 is not known; 15 is the last that is.
-    touched = [*range(5), *range(6, 13)]
-    assert judge([recorded], settings()).score == pytest.approx(0.5 * (each[touched].mean() + each[15]))
+    touched = [*range(5), *range(6, 13)]  # 5 is not known
+    normal = [multivariate_normal(np.zeros(3), covariance) for covariance in online.covariance[touched]]
+    off = se2.log(se2.between(online.pose, recorded.truth))[touched]
+    wanted = np.mean([one.logpdf(each) for one, each in zip(normal, off, strict=True)])
+    assert judge([recorded], settings()).nats == pytest.approx(wanted)
+
+
+def test_kinds_of_recordings_count_alike_and_one_that_is_lost_hardly():
+    def named(recorded: RecordedTouch, name: str, off: float = 0.0) -> RecordedTouch:
+        recording = replace(recorded.recording, file=Path(name))
+        return replace(recorded, recording=recording, truth=recorded.truth + np.array([off, 0.0, 0.0]))
+
+    given = [named(drawn(4)[k], f"edges-{k}.mcap", off) for k, off in enumerate((0.0, 0.0, 1.0))]
+    given.append(named(drawn(4)[3], "disc-3.mcap"))
+    nats = [judge([each], settings()).nats for each in given]
+    assert nats[2] == WORST and judge(given, settings()).nats == pytest.approx(0.5 * (min(nats[:2]) + nats[3]))
 
 
 def test_a_recording_that_is_given_up_has_the_worst_score(monkeypatch):
@@ -166,23 +178,7 @@ def test_a_recording_that_is_given_up_has_the_worst_score(monkeypatch):
     alone = judge(drawn(2)[1:], settings())
     monkeypatch.setattr(tuning, "track_recorded", gives_up)
     both = judge(drawn(2), settings())
-    assert both.score == pytest.approx(0.5 * (WORST + alone.score))
+    assert both.nats == pytest.approx(0.5 * (WORST + alone.nats))
     assert (both.given_up, both.translation_rmse_mm) == (1, alone.translation_rmse_mm)
     none = judge(drawn(2)[:1], settings())
-    assert (none.score, none.inside_95, none.given_up) == (WORST, None, 1)
-
-
-def test_the_likelihood_by_hand():
-    pose, truth = np.zeros((3, 3)), np.array([[1e-3, 0.0, 0.0], [0.0, 0.0, 2e-3], [np.nan] * 3])
-    score = negative_log_likelihood(pose, np.tile(1e-6 * np.eye(3), (3, 1, 1)), truth)
-    # NEES of 1 and 4; the log determinant is that of three variances of 1e-6.
-    assert score[:2] == pytest.approx(0.5 * (damped([1.0, 4.0]) + 3.0 * np.log(1e-6))) and np.isnan(score[2])
-    singular = negative_log_likelihood(pose[:1], np.zeros((1, 3, 3)), truth[:1])
-    assert singular.tolist() == [np.inf]
-
-
-def test_the_right_covariance_of_gaussian_errors_scores_best():
-    errors = np.random.default_rng(0).normal(size=(400_000, 3))
-    squared = np.sum(errors**2, axis=1)
-    scores = [np.mean(damped(squared / scale**2)) + 6.0 * np.log(scale) for scale in (0.97, 1.0, 1.03)]
-    assert scores[1] < min(scores[0], scores[2])
+    assert (none.nats, none.inside_95, none.given_up) == (WORST, None, 1)

@@ -1,9 +1,7 @@
-"""Tuning of noise settings: minimise the negative log likelihood of true poses under the online estimates.
+"""Tuning of noise settings: maximise the log likelihood of true poses under the online estimates.
 
-The score of a frame is `(NEES + log det covariance) / 2`, which is least where the estimate is right and the covariance
-is that of its errors. NEES is damped to `a log(1 + NEES / b)`, so that one push that is lost for good does not outweigh
-a thousand good frames. The score of a recording is the mean over its frames of contact and the value at its end, half
-each.
+The score of a recording is its mean over frames of contact, `metrics.log_likelihood`. That of a kind of recordings is
+the median, so that a push that is lost for good does not outweigh the others. All kinds count alike.
 
 An evaluation tracks all recordings anew. COBYQA models the score by a quadratic in a trust region and needs few
 evaluations; it works on logarithms, since noise is a matter of factors.
@@ -13,22 +11,23 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from statistics import fmean, median
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.lab.parallel import quiet, spread
+from palpate.lab.study.recordings import group_of
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
-from palpate.pipeline.metrics import inside_95, nees, rms, rotation_errors, translation_errors
+from palpate.pipeline.metrics import inside_95, log_likelihood, nees, rms, rotation_errors, translation_errors
 from palpate.touch.pipeline import MEASURE_DIRECTION, MEASURE_TURN
 
 Array = NDArray[np.float64]
-WORST = 50.0
-"""Score of a recording that the estimator gives up, and the largest of any [nats]."""
-
+WORST = -50.0
+"""Score of a recording that the estimator gives up, and the least of any [nats]."""
 
 TUNABLE = {
     "direction.share": (1e-2, 100.0),
@@ -54,8 +53,8 @@ class Judgement:
     """Scores of recordings tracked with some settings."""
 
     recordings: int
-    score: float
-    """[nats]"""
+    nats: float
+    """Score, the larger the better."""
     translation_rmse_mm: float | None
     """Median over recordings; None if all are given up."""
     rotation_rmse_deg: float | None
@@ -118,16 +117,16 @@ def tune(
         for name, value in zip(names, np.exp(logarithms).tolist(), strict=True):
             tried = with_value(tried, name, value)
         if tried == settings:
-            return before.score
+            return -before.nats
         if best.evaluations == evaluations:
             raise _Spent
         found = judge(learning, tried, workers)
-        if found.score < best.after.score:
+        if found.nats > best.after.nats:
             best = replace(best, settings=tried, values=_values(names, settings, tried), after=found)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
-        return found.score
+        return -found.nats
 
     bounds = np.log([TUNABLE[name] for name in names])
     first = np.clip(np.log(np.maximum(start, 1e-300)), *bounds.T)
@@ -155,9 +154,13 @@ def judge(recordings: Sequence[RecordedTouch], settings: TrackerSettings, worker
     by_index = dict(spread(partial(_scored, settings=settings), list(enumerate(recordings)), workers))
     scores = [by_index[index] for index in range(len(recordings))]  # in their order, on which sums depend
     done = [each for each in scores if each is not None]
+    kinds: dict[str, list[float]] = {}
+    for recorded, each in zip(recordings, scores, strict=True):
+        file = recorded.recording.file
+        kinds.setdefault(group_of(file.name) if file else "", []).append(WORST if each is None else each.nats)
     return Judgement(
         recordings=len(scores),
-        score=float(np.mean([WORST if each is None else each.score for each in scores])),
+        nats=fmean(map(median, kinds.values())),
         translation_rmse_mm=1e3 * float(np.median([each.translation for each in done])) if done else None,
         rotation_rmse_deg=float(np.degrees(np.median([each.rotation for each in done]))) if done else None,
         inside_95=float(np.mean(np.concatenate([each.inside for each in done]))) if done else None,
@@ -165,26 +168,10 @@ def judge(recordings: Sequence[RecordedTouch], settings: TrackerSettings, worker
     )
 
 
-def negative_log_likelihood(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
-    """Return the scores (N,) of poses (N, 3) with covariances (N, 3, 3) in the right tangent space.
-
-    It is NaN where the truth (N, 3) is, and infinite where the covariance is singular.
-    """
-    known = np.isfinite(np.asarray(truth, dtype=np.float64)).all(axis=-1)
-    score = 0.5 * (damped(nees(pose, covariance, truth)) + np.linalg.slogdet(np.asarray(covariance, np.float64))[1])
-    return np.where(known & np.isnan(score), np.inf, score)
-
-
-def damped(squared: ArrayLike) -> Array:
-    """Return damped NEES (...)."""
-    # Beyond 10 it is damped, as 2 % of Gaussian errors are. With this slope their true covariance scores best.
-    return 14.43338537605379 * np.log1p(np.asarray(squared, dtype=np.float64) / 10.0)
-
-
 class _Scores(NamedTuple):
     """One tracked recording: score, RMSE [m] and [rad], true poses inside of their regions."""
 
-    score: float
+    nats: float
     translation: float
     rotation: float
     inside: NDArray[np.bool_]
@@ -200,11 +187,11 @@ def _scored(job: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[
         return index, None
     contact, covariance, truth = recorded.recording.contact, online.covariance, recorded.truth
     assert contact is not None and covariance is not None
-    scores, known = negative_log_likelihood(online.pose, covariance, truth), np.isfinite(truth[:, 0])
-    score = 0.5 * (scores[known & contact].mean() + scores[known][-1])
-    inside = inside_95(nees(online.pose, covariance, truth)[known & np.maximum.accumulate(contact)])
+    known, squared = np.isfinite(truth[:, 0]), nees(online.pose, covariance, truth)
+    score = np.nan_to_num(log_likelihood(squared, covariance)[known & contact], nan=WORST).mean()  # if singular
+    inside = inside_95(squared[known & np.maximum.accumulate(contact)])
     translation, rotation = rms(translation_errors(online.pose, truth)), rms(rotation_errors(online.pose, truth))
-    return index, _Scores(min(float(score), WORST), translation or 0.0, rotation or 0.0, inside)
+    return index, _Scores(max(float(score), WORST), translation or 0.0, rotation or 0.0, inside)
 
 
 def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, tuple[float, float]]:
