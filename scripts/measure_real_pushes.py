@@ -15,7 +15,7 @@ from _common import DATA, for_each, write
 import palpate
 from palpate.geometry.se2 import wrap
 from palpate.lab.study.recordings import find_recordings
-from palpate.pipeline.metrics import flag_runs
+from palpate.pipeline.metrics import flag_runs, translation_errors
 from palpate.pipeline.track import track
 
 
@@ -31,12 +31,19 @@ def main(data: Path) -> None:
 
 
 def summary(path: Path) -> dict[str, Any]:
-    """Return the summary of a tracked recording, with its knocks: pushing turns the object by 2 degrees in 5 frames."""
+    """Return the summary of a tracked recording, with its knocks: pushing turns the object by 2 degrees in 5 frames.
+
+    The error a second after each is None where truth is not known then.
+    """
     recording = palpate.load_recording(path)
     assert recording.object_pose is not None
     turned = wrap(recording.object_pose[5:, 2] - recording.object_pose[:-5, 2])
-    knocks = len(flag_runs(np.abs(turned) > np.radians(5.0)))
-    return track(recording, palpate.TrackerSettings("oracle")).summary | {"knocks": knocks}
+    knocks = flag_runs(np.abs(turned) > np.radians(5.0))
+    run = track(recording, palpate.TrackerSettings("oracle"))
+    time, errors = recording.time, [*(1e3 * translation_errors(run.online.pose, run.truth)).tolist(), np.nan]
+    later = [errors[int(np.searchsorted(time, time[last + 5] + 1.0))] for _, last in knocks]
+    known = [None if np.isnan(error) else error for error in later]
+    return run.summary | {"knocks": len(knocks), "mm_after_knocks": known}
 
 
 if __name__ == "__main__":

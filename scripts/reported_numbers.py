@@ -166,8 +166,10 @@ def real_runs() -> Iterator[Row]:
     """Yield a row for each real MIT run."""
     for run in oracle_runs():
         if not run["recording"].startswith("bigrect"):
+            after = ["?" if error is None else f"{error:.0f}" for error in run["mm_after_knocks"]]
             yield {
                 **run,
+                "after": f"{', '.join(after)} mm" if after else "-",
                 "name": run["recording"].removesuffix(".json.gz"),
                 "end": "in" if run["in_95_final"] else "out",
                 "known": run["scored_frames"] / run["frames"],
@@ -274,6 +276,7 @@ TABLES: dict[str, Table] = {
         {
             "run": "{name}",
             "knocks": "{knocks}",
+            "a second after each": "{after}",
             "final error": f"{{{MM}:.1f}} mm, {{{DEG}:.1f}}°",
             "in 95 %: contact, end": "{in_95_contact_share:.0%}, {end}",
             "truth known": "{known:.0%}",
