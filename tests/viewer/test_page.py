@@ -45,9 +45,9 @@ def test_it_needs_nothing_else_and_has_a_picture_of_each_frame(written):
 
 
 def test_it_has_a_table_of_innovations_of_an_earlier_run_too(folder, tmp_path, command):
-    assert command("view", folder / "run", "--save", tmp_path / "again.html") == 0
-    scores = json.loads((folder / "run" / "summary.json").read_text())["innovations"]
-    for page in (folder / "run" / "page.html", tmp_path / "again.html"):
+    assert command("view", folder, "--save", tmp_path / "again.html") == 0
+    scores = json.loads((folder / "summary.json").read_text())["innovations"]
+    for page in (folder / "page.html", tmp_path / "again.html"):
         rows = re.findall(r"<tr><th>(\w+)<th>[\de+]+<th>([-.e\d]+)<th>", page.read_text(encoding="utf-8"))
         assert rows == [(name, f"{each['mean_square']:.3g}") for name, each in scores.items()] and len(rows) > 3
 
