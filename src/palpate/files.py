@@ -118,7 +118,7 @@ def table_rows(text: str, path: Path | str, sample: str = "") -> list[tuple[int,
     """Return the rows of a table that are not blank, each with its line; errors name `path`. Raises FileError.
 
     Semicolons, tabs, commas or blanks are between columns, as the text or a sample of it shows; numbers may have
-    decimal commas unless these are.
+    decimal commas, between commas only in quotes.
     """
     separator = next((mark for mark in ";\t," if mark in (sample or text)), " ")
     lines = (line.strip(" ") for line in text.splitlines(keepends=True))
@@ -127,8 +127,6 @@ def table_rows(text: str, path: Path | str, sample: str = "") -> list[tuple[int,
         rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
     except csv.Error as error:
         raise FileError(f"{path}: is no table ({error})") from error
-    if separator == ",":
-        return rows
     return [(line, [re.sub(r"^([-+]?\d*),(\d+)$", r"\1.\2", cell) for cell in row]) for line, row in rows]
 
 

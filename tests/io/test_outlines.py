@@ -30,8 +30,8 @@ def apart(shape, corners):
 
 
 def test_names_and_lengths():
-    assert load_shape("disc") == Disc(0.088)
-    assert load_shape("0.09x0.06") == Rectangle(0.09, 0.06)
+    assert load_shape("disc") == load_shape("Disc") == Disc(0.088)
+    assert load_shape("0.09x0.06") == load_shape("0.09X0.06") == Rectangle(0.09, 0.06)
     assert load_shape("90x60", unit="mm") == Rectangle(0.09, 0.06)
 
 
@@ -47,9 +47,10 @@ def test_a_byte_order_mark_and_decimal_commas():
     mark = "\ufeff"
     Path("box.csv").write_text(mark + "x;y\n0;0\n0,09;0\n0,09;0,06\n0;0,06\n", encoding="utf-8")
     Path("tabs.txt").write_text("0\t0\n0,09\t0\n0,09\t0,06\n0\t0,06\n")
+    Path("quoted.csv").write_text('"x","y"\n"0,00","0"\n"0,09","0"\n"0,09","0,06"\n"0","0,06"\n')
     Path("box.json").write_text(mark + json.dumps({"vertices": BOX}), encoding="utf-8")
     Path("turned.csv").write_text("Nr, Y [mm], X [mm]\n1, 0, 0\n2, 0, 90\n3, 60, 90\n4, 60, 0\n", encoding="utf-16")
-    for name in ("box.csv", "tabs.txt", "box.json", "turned.csv"):
+    for name in ("box.csv", "tabs.txt", "quoted.csv", "box.json", "turned.csv"):
         assert apart(load_shape(name), BOX) < 1e-12
 
 
@@ -147,6 +148,8 @@ def test_a_drawing_is_read_as_it_is_seen():
 def test_hidden_parts_and_blanks_in_an_svg(caplog):
     hidden = (
         '<mask id="m"><rect width="90" height="50"/></mask><g visibility="hidden"><rect width="95" height="50"/></g>'
+        '<rect width="96" height="50" opacity="0.00"/>'
+        '<symbol id="s"><rect width="98" height="50"/></symbol>'
     )
     part = '<rect x="10" y="10" width="60" height="30" mask="url(#m)"/>'
     for page in ('width="100 mm" height="5.0 cm"', 'width="100mm"', 'height="50mm"'):

@@ -6,7 +6,7 @@ The libraries svgelements and ezdxf read the drawings, shapely finds the one clo
 import io
 import logging
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -48,12 +48,12 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
     name, path = str(source), Path(source)
     if unit not in (None, *get_args(Unit)):
         raise SettingError(f"unit is {unit!r}; allowed are {', '.join(METRES)}")
-    if name in SHAPES:
+    if (known := name.lower().replace("_", "-")) in SHAPES:
         if unit is not None:
             raise SettingError(f"unit is {unit!r}, but {name} is an object of a known size")
-        return SHAPES[name]
+        return SHAPES[known]
     scale = None if unit is None else METRES[unit]
-    sides = numbers_of(name.split("x")) or []
+    sides = numbers_of(name.lower().split("x")) or []
     is_file = path.exists() or "/" in name or path.suffix[1:2].isalpha()
     if len(sides) != 2 and not is_file:
         raise SettingError(
@@ -112,11 +112,10 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
 
     try:
         data = re.sub(rb"(?s)<(mask|marker)\b[^>]*?(/>|>.*?</\1>)", b"", path.read_bytes())  # are not drawn themselves
+        data = data.replace(b"<symbol", b"<defs><g").replace(b"</symbol>", b"</g></defs>")  # drawn where they are used
         page = svgelements.SVG.parse(io.BytesIO(data), ppi=PIXELS)
         drawn: Any = [each for each in page.elements() if isinstance(each, svgelements.Shape)]
-        hidden = {"visibility": ("hidden", "collapse"), "opacity": ("0", "0.0")}
-        seen = (each for each in drawn if not any(each.values.get(name) in values for name, values in hidden.items()))
-        shapes = [svgelements.Path(each) for each in seen]
+        shapes = [svgelements.Path(each) for each in drawn if _is_seen(each.values)]
         for shape in shapes:
             shape.reify()
         lines = [_svg_points(svgelements.Path(part)) for shape in shapes for part in shape.as_subpaths()]
@@ -127,6 +126,12 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
     metres = scale / (abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0)
     outline = _outline_of_lines(path, [line * (metres, -metres) for line in lines])
     return Polygon(outline.corners - outline.centroid)
+
+
+def _is_seen(values: Mapping[str, Any]) -> bool:
+    """Return true for the attributes of a part of an SVG that is neither hidden nor transparent."""
+    opacity = numbers_of([str(values.get("opacity", 1)).strip(" %")])
+    return opacity != [0.0] and values.get("visibility") not in ("hidden", "collapse")
 
 
 def _svg_unit(page: Any) -> float:

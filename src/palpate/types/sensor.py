@@ -5,6 +5,7 @@ out of the gel along the push, y along the pad's width and z up. Image columns r
 """
 
 import math
+import re
 import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -188,12 +189,14 @@ POINT = SensorProfile(name="point", radius=0.0, rate=30.0)
 
 SENSORS = {"digit": DIGIT, "gelsight-mini": GELSIGHT_MINI, "point": POINT}
 """Profiles by the names in options."""
+ALIASES = {"mini": "gelsight-mini", "gelsightmini": "gelsight-mini", "gelsight": "gelsight-mini"}
 
 
 def known_sensor(sensor: SensorProfile | str) -> SensorProfile:
     """Return the profile itself, or that of a known name. Raises SettingError on another name."""
     if isinstance(sensor, SensorProfile):
         return sensor
-    if not isinstance(sensor, str) or sensor.lower() not in SENSORS:
+    name = re.sub(r"[\W_]+", "-", sensor.lower()) if isinstance(sensor, str) else ""
+    if (name := ALIASES.get(name, name)) not in SENSORS:
         raise SettingError(f"sensor is {sensor!r}; allowed are {', '.join(SENSORS)}, or a SensorProfile")
-    return SENSORS[sensor.lower()]
+    return SENSORS[name]
