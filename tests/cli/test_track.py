@@ -124,6 +124,31 @@ def test_a_damaged_image_is_a_faulty_frame(run_palpate, caplog):
     assert [one["kind"] for one in found if one["kind"] == "image"] == ["image"] * 3
 
 
+@pytest.mark.parametrize(
+    "error", [palpate.EstimationError("no solution"), KeyboardInterrupt(), ZeroDivisionError("bug")]
+)
+def test_a_run_that_fails_leaves_what_it_had(run_palpate, succeeds, monkeypatch, error):
+    update = palpate.Tracker.update
+
+    def failing(tracker: palpate.Tracker, frame: palpate.Frame) -> palpate.Estimate:
+        if frame.time > 0.8:
+            raise error
+        return update(tracker, frame)
+
+    monkeypatch.setattr(palpate.Tracker, "update", failing)
+    words = ("track", "push.mcap", "--html", "--mcap")
+    if isinstance(error, ZeroDivisionError):
+        with pytest.raises(ZeroDivisionError):
+            run_palpate(*words)
+    else:
+        assert run_palpate(*words)[0] == (2 if isinstance(error, palpate.PalpateError) else 130)
+    found = read("runs/push/summary.json")
+    assert found["frames"] == len(table("runs/push/estimates.csv")) == 25
+    assert "after 25 of 40 frames" in found["ended"] and type(error).__name__ in found["ended"]
+    assert {"figure.png", "page.html", "estimates.mcap"} <= {path.name for path in Path("runs/push").iterdir()}
+    succeeds("view", "runs/push", "--save", "page.html")
+
+
 def test_times_below_zero_become_messages(succeeds):
     palpate.write_recording(replace(pushed(), time=pushed().time - 1e5), "before.mcap")
     succeeds("track", "before.mcap", "--mcap")

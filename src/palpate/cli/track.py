@@ -11,7 +11,9 @@ from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg, check_
 from palpate.errors import PalpateError, SettingError
 
 if TYPE_CHECKING:
+    from palpate.pipeline.track import Run
     from palpate.types.recording import Recording
+    from palpate.types.space import Plane
 
 SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
 """Columns of the table of several runs."""
@@ -62,12 +64,17 @@ def track(
                 recording, plane = bag.read(file)
                 if mcap:
                     nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
+                plane = (plane or flat()) if mcap else None
+
+                def keep(run: "Run", part: Path = part, plane: "Plane | None" = plane) -> None:
+                    if html:
+                        with drawing(PAGE):
+                            write_page(run, part / PAGE)
+                    write_files(run, part, plane)
+
                 with progress_bar(file.name, len(recording)) as progress:
-                    run = track_recording(recording, settings, first_pose, **known, progress=progress)
-                write_files(run, part, (plane or flat()) if mcap else None)
-                if html:
-                    with drawing(PAGE):
-                        write_page(run, part / PAGE)
+                    run = track_recording(recording, settings, first_pose, **known, progress=progress, keep=keep)
+                keep(run)
             runs[folder] = run.summary
         except PalpateError as error:
             if len(files) == 1:

@@ -23,7 +23,8 @@ from palpate.pipeline.metrics import summarise
 from palpate.pipeline.track import Run
 from palpate.types.space import Plane
 
-FILES = {"settings.json", "trajectory.tum", "estimates.csv", "summary.json", "figure.png"}
+SUMMARY = "summary.json"
+FILES = {"settings.json", "trajectory.tum", "estimates.csv", SUMMARY, "figure.png"}
 """Files of every run."""
 RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
@@ -31,7 +32,7 @@ RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 
 @contextmanager
 def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder for the files of a run, which becomes `folder` when the block ends without error.
+    """Yield a temporary folder for the files of a run, which becomes `folder` when the block ends, if they are whole.
 
     Raises FileError if the folder exists; with `force` an earlier run in it, and nothing else, is replaced then.
     """
@@ -45,10 +46,13 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
     part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
         part.mkdir(parents=True)
-        yield part
-        if folder.exists():
-            shutil.rmtree(folder)
-        part.rename(folder)
+        try:
+            yield part
+        finally:
+            if (part / SUMMARY).exists():
+                if folder.exists():
+                    shutil.rmtree(folder)
+                part.rename(folder)
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     finally:
@@ -68,8 +72,6 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         "recording": RECORDING if file is None else str(file.absolute()),
         **asdict(run.settings),
     }
-    for name, data in (("settings.json", settings), ("summary.json", run.summary)):
-        (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     write_tum(online, folder / "trajectory.tum")
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:
@@ -78,6 +80,8 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         run_figure(run).savefig(folder / "figure.png", dpi=120)
     if file is None:
         write_recording(run.recording, folder / RECORDING)
+    for name, data in (("settings.json", settings), (SUMMARY, run.summary)):  # last of all: a folder with both is whole
+        (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_run(folder: Path) -> Run:
@@ -93,6 +97,8 @@ def read_run(folder: Path) -> Run:
         if not isinstance(name := settings.get("recording"), str):
             raise FileError(f"recording is {name!r}, expected the name of a file")
     recording = load_recording(folder / name)
+    if read_json(folder / SUMMARY).get("ended"):
+        recording = recording.until(len(online))
     if not np.array_equal(online.time, recording.time):
         raise FileError(
             f"{folder}: its {len(online)} estimates are not of the {len(recording)} frames of {recording.file}, "

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.checks import without_gradient
 from palpate.config import NoiseSettings, TrackerSettings
-from palpate.errors import FileError, FrameError, PalpateError, SettingError
+from palpate.errors import FileError, FrameError, PalpateError, SettingError, one_line
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import flag_runs, innovation_scores, summarise
@@ -62,6 +62,7 @@ def track(
     model: TouchModel | None = None,
     calibration: Calibration | None = None,
     progress: Callable[[int], None] | None = None,
+    keep: Callable[[Run], object] | None = None,
 ) -> Run:
     """Track the object of a recording.
 
@@ -69,9 +70,10 @@ def track(
     default see `first_pose_of`. Without a calibration, the untouched gel of a recording that begins in contact is taken
     from its first release. `progress` is called with the number of frames done. A frame that cannot be used is skipped,
     see `tracked_frames`. Raises SettingError if the recording lacks something that the settings need, EstimationError
-    if no estimate can be computed or the first frame cannot be used.
+    if no estimate can be computed or the first frame cannot be used. Whatever ends it early, Ctrl-C too, is raised
+    after `keep` was called with the run up to there.
     """
-    begin = time.perf_counter()
+    begin, total = time.perf_counter(), len(recording)
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
     truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
@@ -85,15 +87,22 @@ def track(
             raise SettingError(f"{recording.file or 'the recording'}: has {words}")
     estimates: list[Estimate] = []
     step_ms = np.zeros(len(recording))
+    failure: BaseException | None = None
     with kept_warnings() as warnings:
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
         sensor = turned_as(recording.sensor, calibration)
         start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
         tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
-        for index, (estimate, step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
-            estimates.append(estimate)
-            if progress:
-                progress(index + 1)
+        try:
+            for index, (estimate, step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
+                estimates.append(estimate)
+                if progress:
+                    progress(index + 1)
+        except BaseException as error:
+            if keep is None or not estimates:
+                raise
+            failure, done = error, len(estimates)
+            recording, truth, step_ms = recording.until(done), truth[:done], step_ms[:done]
     settings = replace(settings, tactile=tracker.tactile)
     online, answers = gathered(estimates)
     summary = summarise(
@@ -108,12 +117,20 @@ def track(
     )
     summary["innovations"] = innovation_scores([estimate.innovations for estimate in estimates])
     summary |= {"final_reason": estimates[-1].reason, "warnings": warnings, "mirrored": tracker.mirrored}
+    summary["ended"] = None
+    if failure is not None:
+        place = f"after {len(estimates)} of {total} frames, at {estimates[-1].time:.3f} s"
+        summary["ended"] = f"{place}: {type(failure).__name__}: {one_line(failure)}"
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
     is_learnt = settings.tactile.startswith("learnt")
     model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
     known = calibration, first, sigma
-    return Run(recording, settings, model, *known, online, answers, step_ms, truth, summary)
+    run = Run(recording, settings, model, *known, online, answers, step_ms, truth, summary)
+    if failure is not None and keep:
+        keep(run)
+        raise failure
+    return run
 
 
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, float]]:

@@ -209,6 +209,12 @@ class Recording:
             return self
         return replace(self, image=tuple(turned_image(each, size, view) for each in self.image))
 
+    def until(self, count: int) -> "Recording":
+        """Return the first `count` frames."""
+        names = "time", "sensor_pose", "object_pose", "contact", "image"
+        cut = {name: vars(self)[name][:count] for name in names if vars(self)[name] is not None}
+        return replace(self, **cut, extra={name: value[:count] for name, value in self.extra.items()})
+
     @property
     def first_pose_derived(self) -> bool:
         """True if the first pose is that of ground truth, not stated."""
