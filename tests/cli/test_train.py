@@ -87,9 +87,16 @@ def test_folders_that_cannot_be_learned_from(recordings, tmp_path, fails):
     palpate.write_recording(dataclasses.replace(pushes(DISC, 1), sensor=sensor), other / "push.mcap")
     said = fails("train", recordings, "--out", out, "--test", other)
     assert "recordings to judge by: sensor 'other' with images of 64 x 128 px is not that" in said
-    shipped = Path(palpate.__file__).parent / "data/digit"
-    said = fails("train", recordings, "--out", out, "--from", shipped)
+    said = fails("train", recordings, "--out", out, "--from", "digit")
     assert "sensor 'DIGIT' with images of 320 x 240 px is not that of the recordings" in said
+
+
+@pytest.mark.parametrize("command", ["train", "tune", "evaluate"])
+def test_images_of_a_folder_are_turned(command, recordings, tmp_path, run_palpate):
+    (tmp_path / "in").mkdir()
+    shutil.copy(recordings / "push-0.mcap", tmp_path / "in")
+    code, _, err = run_palpate(command, tmp_path / "in", "--out", tmp_path / "out.json", "--orientation", "90")
+    assert code and "they lie on their side" in err  # those of the samples are upright
 
 
 def test_a_model_of_directions_from_grey_presses(tmp_path, run_palpate, fails):

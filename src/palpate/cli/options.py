@@ -85,7 +85,7 @@ class SensorUnit:
     """The model and calibration of the sensor."""
 
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None
-    """Folder of a touch model."""
+    """Folder of a touch model, or the name of a sensor whose own it is."""
     calibration: Annotated[Path | None, arg("UNIT.npz", "the first half second is taken as untouched")] = None
     """Calibration of the sensor unit, from palpate calibrate."""
 
@@ -179,7 +179,7 @@ class Bag:
         if self.shape is None:
             if self != Bag(orientation=self.orientation):
                 raise SettingError("--sensor, --images and the other options for bags need --shape, too")
-            return formats.load_recording(file).oriented(self.orientation), None
+            return formats.load_recording(file, self.orientation), None
         if formats.detect_format(file) != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
         choices = BagChoices(**{field.name: getattr(self, field.name) for field in fields(BagChoices)})

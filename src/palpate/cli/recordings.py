@@ -45,7 +45,7 @@ def info(
             about = {"format": "bag", **_about_bag(file, sensor, orientation)}
     else:
         with progress_bar(f"inspecting {file.name}"):
-            recording = formats.load_recording(file).oriented(orientation)
+            recording = formats.load_recording(file, orientation)
             about = {"format": kind, "source": recording.source, "sensor": recording.sensor.name}
             about |= {"shape": shape_to_dict(recording.shape), **check_recording(recording)}
     return Report(file.name, {"file": str(file), **about})
@@ -195,7 +195,7 @@ def calibrate(
     if (file is None) == (not untouched):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
     check_new(out, force)
-    recording = formats.load_recording(file).oriented(orientation) if file else None
+    recording = formats.load_recording(file, orientation) if file else None
     profile = recording.sensor if recording else known_sensor(sensor)
     size, view = (profile.image_height, profile.image_width), camera_view(orientation)
 

@@ -11,6 +11,7 @@ from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import (
     NOISE,
     Estimator,
+    Orientation,
     RecordingsFolder,
     SensorUnit,
     Tactile,
@@ -38,6 +39,7 @@ def evaluate(
     out: Annotated[Path, arg("REPORT")],
     tactile: Annotated[tuple[Tactile, ...], arg("MODE...")] = ("none", "learnt", "oracle"),
     unit: SensorUnit = SensorUnit(),
+    orientation: Orientation = "",
     estimator: Estimator = Estimator(),
     work: Workers = Workers(),
     resume: bool = False,
@@ -57,7 +59,7 @@ def evaluate(
     from palpate.lab.study.study import StudySettings, run_study
 
     ways = tuple(dict.fromkeys(tactile))
-    settings = StudySettings(ways, estimator.settings("none"), *unit.load(*ways))
+    settings = StudySettings(ways, estimator.settings("none"), *unit.load(*ways), orientation)
     files = find_recordings(folder, leave_out=out)
     with progress_bar("tracking", len(files) * len(ways)) as progress:
         study = run_study(files, out, settings, work.workers, work.dask, resume, progress)
@@ -112,8 +114,9 @@ def train(
     /,
     *,
     out: Annotated[Path, arg("MODEL")],
-    start: Annotated[Path | None, arg("MODEL", "from nothing", name="from")] = None,
+    start: Annotated[Path | None, arg("MODEL|NAME", "from nothing", name="from")] = None,
     calibration: Annotated[Path | None, arg("UNIT.npz", "images are as they are")] = None,
+    orientation: Orientation = "",
     test: Annotated[Path | None, arg("DIR", "a share of DIR that is left out")] = None,
     untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
     sensor: Annotated[str | None, arg("NAME", "none")] = None,
@@ -129,7 +132,7 @@ def train(
     Args:
         source: Folder of recordings, or a table of presses (columns file, angle_deg) for a model of directions alone.
         out: Folder of the model.
-        start: Go on from this model, to fit it to another sensor unit.
+        start: Go on from this model, or that of a sensor such as digit, to fit it to another unit.
         calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
         test: Recordings to judge the model by.
         untouched: With presses: images of the untouched gel.
@@ -150,8 +153,9 @@ def train(
 
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     if source.suffix.lower() == ".csv":
-        if not untouched or not sensor or start or calibration or test:
-            raise SettingError("train: presses (.csv) take --untouched and --sensor, not --from, --calibration, --test")
+        if not untouched or not sensor or start or calibration or orientation or test:
+            others = "--from, --calibration, --orientation, --test"
+            raise SettingError(f"train: presses (.csv) take --untouched and --sensor, not {others}")
         still, presses = [read_image(path) for path in untouched], read_presses(source)
         with in_file(source):
             results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
@@ -160,7 +164,7 @@ def train(
             raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
         files, tested = list(find_recordings(source).values()), list(find_recordings(test).values()) if test else ()
         unit = calibration and load_calibration(calibration)
-        results = train_model(files, out, settings, progress_bar, start, tested, resume, unit)
+        results = train_model(files, out, settings, progress_bar, start, tested, resume, unit, orientation)
     left_out = results.get("recordings", {}).get("left_out", {})
     for why in left_out.values():
         complain(f"left out: {why}")
@@ -173,6 +177,7 @@ def tune(
     *,
     out: Annotated[Path, arg("FILE")],
     touch: Touch = Touch(tactile="learnt"),
+    orientation: Orientation = "",
     start: Annotated[str, arg(NOISE)] = "palpate",
     evaluations: Annotated[int, arg("N")] = 100,
     workers: Annotated[int, arg("N")] = 1,
@@ -203,7 +208,7 @@ def tune(
     new_file(out, overwrite=True)
     files = find_recordings(folder)
     with progress_bar("reading touch", len(files)) as progress:
-        recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit)
+        recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit, orientation)
     for error in left_out.values():
         complain(f"left out: {error}")
     about = {

@@ -39,16 +39,11 @@ def detect_format(path: Path | str) -> str | None:
     return next((name for name, format in FORMATS.items() if format.detect(path)), None)
 
 
-def load_recording(path: Path | str) -> Recording:
-    """Read a recording of any known format. Raises FileError."""
+def load_recording(path: Path | str, orientation: str = "") -> Recording:
+    """Read a recording of any known format; `orientation` says how its images lie. Raises FileError."""
     path = existing_bag(path)
     if (name := detect_format(path)) is not None:
         with in_file(path):
-            return FORMATS[name].read(path)
-    if path.suffix.lower() in (".h5", ".hdf5"):
-        raise FileError(
-            f"{path}: is HDF5, in which earlier versions kept recordings; make it anew as MCAP, from its bag or arrays "
-            "or by palpate simulate with the same seed"
-        )
+            return FORMATS[name].read(path).oriented(orientation)
     known = "; ".join(f"{name}: {format.description}" for name, format in FORMATS.items())
     raise FileError(f"{path}: is in no known format; known are {known}")

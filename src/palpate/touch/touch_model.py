@@ -8,6 +8,7 @@ direction alone.
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -17,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST
-from palpate.errors import FileError, one_line
+from palpate.errors import FileError, SettingError, one_line
 from palpate.files import existing_file, read_json, whole_file
 from palpate.touch.cells import area_means, change_in_light
+from palpate.types.sensor import known_sensor
 
 Difference = NDArray[np.float32]
 Reading = dict[str, tuple[float, float]]
@@ -92,10 +94,16 @@ class ModelSettings:
 
 
 class TouchModel:
-    """Touch model in a folder; raises FileError if it is incomplete, of another version or altered."""
+    """Touch model in a folder, or that of a sensor by its name.
+
+    Raises FileError if it is incomplete, of another version or altered.
+    """
 
     def __init__(self, folder: Path | str) -> None:
         self.folder = folder = Path(folder)
+        if not folder.is_dir():
+            with suppress(SettingError, KeyError):
+                self.folder = folder = SHIPPED_OF[known_sensor(str(folder)).name]
         if not folder.is_dir():
             raise FileError(f"{folder}: no such folder; a touch model is a folder with model.json in it")
         path = folder / "model.json"

@@ -37,10 +37,7 @@ def group_of(name: str) -> str:
 
 
 def _is_recording(path: Path) -> bool:
-    name = path.name.lower()
     try:
-        format = detect_format(path)
+        return detect_format(path) is not None or path.name.lower().endswith(".mcap")
     except FileError:  # empty or damaged
-        return name.endswith((".mcap", ".json", ".json.gz"))
-    trajectories = ("tum", "estimates-csv")  # they have no sensor poses
-    return name.endswith(".mcap") if format is None else format not in trajectories
+        return path.name.lower().endswith((".mcap", ".json", ".json.gz"))

@@ -49,6 +49,8 @@ class StudySettings:
     """Touch model; None takes the one of each recording's sensor."""
     calibration: Calibration | None = None
     """Calibration of the sensor unit that made all recordings."""
+    orientation: str = ""
+    """Words that say how images lie."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +174,7 @@ def described(settings: StudySettings) -> dict[str, Any]:
         "noise": asdict(tracker.noise),
         "smoother": tracker.smoother,
         "hypotheses": tracker.hypotheses,
+        "orientation": settings.orientation or None,
         "model": model and {"folder": str(model.folder), "hash": model.hash},
         "calibration": file and {"file": str(file), "hash": sha256(file.read_bytes()).hexdigest()},
     }
@@ -215,7 +218,7 @@ def _track(job: Job, settings: StudySettings) -> tuple[Job, Trial | _Failure]:
     recording: Recording | None = None
     try:
         stat = path.stat()
-        recording = load_recording(path)
+        recording = load_recording(path, settings.orientation)
         with quiet():
             run = track(recording, tracker, model=settings.model, calibration=settings.calibration)
     except Exception as error:

@@ -80,6 +80,7 @@ def read_samples(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
     calibration: Calibration | None = None,
+    orientation: str = "",
 ) -> tuple[Samples, SensorProfile, dict[Path, str]]:
     """Return the samples of recordings, their sensor, and of those that have none to give the reason.
 
@@ -87,7 +88,7 @@ def read_samples(
     """
     parts: dict[int, tuple[Samples, SensorProfile]] = {}
     failed: dict[Path, str] = {}
-    read = partial(_read, calibration=calibration)
+    read = partial(_read, calibration=calibration, orientation=orientation)
     for done, (index, part) in enumerate(spread(read, list(enumerate(files)), workers)):
         if isinstance(part, str):
             failed[files[index]] = part
@@ -165,8 +166,7 @@ def with_contact(recording: Recording, calibration: Calibration | None = None) -
     detector = ContactDetector(turned_as(recording.sensor, calibration), calibration)
     contact = np.array([_is_touched(detector, recording, index) for index in range(len(recording))])
     if not contact.any():
-        truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
-        gap = recording.sensor.gaps(recording.sensor_pose, truth, recording.shape)
+        gap = recording.sensor.gaps(recording.sensor_pose, np.asarray(recording.object_pose), recording.shape)
         contact = contact_flags(gap, touch=1.5e-3, release=2e-3)  # [m] as robot and motion capture agree
     return replace(recording, contact=contact)
 
@@ -205,11 +205,11 @@ def _without(is_marked: bool, image: AnyImage) -> AnyImage:
 
 
 def _read(
-    numbered: tuple[int, Path], calibration: Calibration | None
+    numbered: tuple[int, Path], calibration: Calibration | None, orientation: str
 ) -> tuple[int, tuple[Samples, SensorProfile] | str]:
     number, file = numbered
     try:
-        recording = load_recording(file)
+        recording = load_recording(file, orientation)
         return number, (samples_of(recording, number, calibration), turned_as(recording.sensor, calibration))
     except FileError as error:
         return number, str(error)

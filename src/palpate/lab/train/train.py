@@ -86,6 +86,7 @@ def train(
     test: Sequence[Path] = (),
     resume: bool = False,
     calibration: Calibration | None = None,
+    orientation: str = "",
 ) -> dict[str, Any]:
     """Train a touch model on recordings, write its folder and return its scores; see `scores.judge`.
 
@@ -99,9 +100,9 @@ def train(
         work = work_folder(out, resume)
         base = None if start is None else TouchModel(start)
         with bar("reading recordings", len(files) + len(test)) as progress:
-            read = partial(read_samples, workers=settings.workers, calibration=calibration)
-            samples, sensor, failed = read(files, progress=progress)
-            tested = read(test, progress=lambda done: progress(len(files) + done)) if test else None
+            how = {"workers": settings.workers, "calibration": calibration, "orientation": orientation}
+            samples, sensor, failed = read_samples(files, progress=progress, **how)
+            tested = read_samples(test, progress=lambda done: progress(len(files) + done), **how) if test else None
         if tested is not None:
             _check_sensor(
                 "recordings to judge by", tested[1].name, (tested[1].image_height, tested[1].image_width), sensor

@@ -53,13 +53,14 @@ def record_touch_of_files(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
     calibration: Calibration | None = None,
+    orientation: str = "",
 ) -> tuple[dict[str, RecordedTouch], dict[str, str]]:
     """Record the touch of recordings by name; returns them, and the error of each that cannot be used.
 
     Raises FileError if none can be used.
     """
     results: dict[str, RecordedTouch | str] = {}
-    do = partial(_record_file, tactile=tactile, model=model, calibration=calibration)
+    do = partial(_record_file, touch=(tactile, model, calibration), orientation=orientation)
     for done, (name, result) in enumerate(spread(do, list(files.items()), workers), 1):
         results[name] = result
         if progress:
@@ -151,11 +152,11 @@ def track_recorded(recorded: RecordedTouch, settings: TrackerSettings) -> Trajec
 
 
 def _record_file(
-    item: tuple[str, Path], tactile: TactileChoice, model: TouchModel | None, calibration: Calibration | None
+    item: tuple[str, Path], touch: tuple[TactileChoice, TouchModel | None, Calibration | None], orientation: str
 ) -> tuple[str, RecordedTouch | str]:
     name, path = item
     try:
-        return name, record_touch(load_recording(path), tactile, model, calibration)
+        return name, record_touch(load_recording(path, orientation), *touch)
     except PalpateError as error:
         return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
 
