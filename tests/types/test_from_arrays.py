@@ -3,6 +3,7 @@
 import logging
 from typing import Any
 
+import cv2
 import numpy as np
 import planar as se2
 import pytest
@@ -250,3 +251,12 @@ def test_choices_for_bags_are_checked_likewise():
     for offset in (np.nan, np.inf, 1e12):
         with pytest.raises(SettingError, match=r"time_offset is .*; allowed are up to 1e\+07 s"):
             BagChoices(time_offset=offset)
+
+
+def test_images_that_were_squeezed_are_warned_of(caplog):
+    seen = np.random.default_rng(0).normal(120.0, 3.0, (2, 240, 320, 3)).astype(np.uint8)  # on their side
+    upright, squeezed = np.rot90(seen, axes=(1, 2)), [cv2.resize(each, (240, 320)) for each in seen]
+    for images in (upright, squeezed):
+        assert "lay on their side" not in caplog.text
+        made(image_time=IMAGE_TIME[:2], images=images, sensor="DIGIT")
+    assert "images seem to have been scaled to their size while they lay on their side" in caplog.text

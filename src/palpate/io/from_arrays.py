@@ -46,14 +46,14 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     is_whole = given.dtype.kind in "iu"
     check_rows(name, given, np.isfinite(given), "a finite number")
     exact = given.astype(np.int64 if is_whole else np.float64)
-    steps, latest = np.abs(np.diff(exact)), np.abs(given).max()
+    steps, latest = np.abs(np.diff(exact)), float(np.abs(given).max())
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     is_late = not is_whole and latest > 4e9  # after the year 2096
     if is_late or (step and not least <= step * (1e-9 if is_whole else 1.0) <= 10.0):
         kind = "integers, which are nanoseconds" if is_whole else "floats, which are seconds"
         question = " ".join(filter(None, (other_time_unit(step, rate) for rate in (30.0, 500.0))))
         raise FileError(f"{name}: found {kind}, in the median {step:g} from one to the next; {question}")
-    resolution = 0.0 if is_whole else float(np.spacing(latest))
+    resolution = 0.0 if is_whole else float(np.spacing(given.dtype.type(latest)))
     if resolution > max(0.1 * step, 1e-4):
         raise FileError(
             f"{name}: found times up to {latest:.10g} s in {given.dtype}, which is exact to {resolution:.3g} s there; "
@@ -75,15 +75,19 @@ def encoded_images(
     An encoded image that is damaged, or the error on it, is a frame that tracking skips. Raises FileError, which names
     the image, if pixels do not fit, or none of the encoded images that are looked at is one of this size.
     """
-    view, data, damage = camera_view(orientation), list[bytes](), list[str]()
+    from palpate.touch.background import warn_if_squeezed
+
+    view, data, damage, seen = camera_view(orientation), list[bytes](), list[str](), []
+    every = len(indices) // 10 + 1
     for index in indices:
         image = images[index]
         if isinstance(image, str | Path):
             image = existing_file(image).read_bytes()
         if not isinstance(image, bytes | FileError):
             with in_file(f"{name}: image {index}"):
-                pixels = checked_pixels(as_array("pixels", image))
-                data.append(encode_image(fitted(pixels, size, view), codec))
+                pixels = fitted(checked_pixels(as_array("pixels", image)), size, view)
+            seen += [] if len(data) % every else [pixels]
+            data.append(encode_image(pixels, codec))
             continue
         try:
             if isinstance(image, FileError):
@@ -92,13 +96,15 @@ def encoded_images(
         except FileError as error:
             damage.append(f"image {index}: {error}")
             data.append(b"")
-    for index in range(0, len(data), len(data) // 10 + 1):
+    for index in range(0, 0 if seen else len(data), every):
         try:
-            decode_image(data[index], size)
-            return tuple(data)
+            seen.append(decode_image(data[index], size))
         except FileError as error:
             damage.append(f"image {indices[index]}: {error}")
-    raise FileError(f"{name}: {damage[0]}")
+    if not seen:
+        raise FileError(f"{name}: {damage[0]}")
+    warn_if_squeezed(seen, name)
+    return tuple(data)
 
 
 def pose_source(name: str, poses: ArrayLike, time_name: str, time: ArrayLike) -> Source:
@@ -162,7 +168,12 @@ def planar_recording(
         )
     if truth is not None:
         seen, object_pose = truth[1](time), np.full((len(time), 3), np.nan)
-        object_pose[seen.known] = in_plane(truth[0], plane, seen[seen.known], placement.off_plane, time[seen.known])
+        height, good = seen.position @ plane.axes[:, 2], seen.known
+        if good.any():
+            good = good & (np.abs(height - np.median(height[good])) <= placement.off_plane)
+        if off := np.count_nonzero(seen.known & ~good):
+            logger.warning("%s: %d true poses are off the plane of the others and taken as unknown", truth[0], off)
+        object_pose[good] = in_plane(truth[0], plane, seen[good], placement.off_plane, time[good])
     recording = Recording(
         time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, contact=contact, image=image, **fields
     )

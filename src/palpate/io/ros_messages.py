@@ -228,11 +228,12 @@ def raw_image(message: Any) -> NDArray[np.uint8]:
     """Return the pixels (height, width, 3) RGB of an Image. Raises FileError where it is no colour image."""
     import cv2
 
-    if message.encoding not in ENCODINGS:
+    encoding = next((name for name in ENCODINGS if name.lower() == message.encoding.strip().lower()), None)
+    if encoding is None:
         raise FileError(
             f"images are encoded as {message.encoding!r}, allowed are {', '.join(ENCODINGS)}: colour images"
         )
-    size, conversion = ENCODINGS[message.encoding]
+    size, conversion = ENCODINGS[encoding]
     height, width, step = message.height, message.width, message.step
     if not height or not width or step < size * width or len(message.data) != height * step:
         raise FileError(

@@ -1,5 +1,6 @@
 """Background: the untouched gel as its images show it, with which an image is compared."""
 
+import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 
 from palpate.errors import SettingError
 from palpate.touch.cells import Image, Levels, cell_width, cells_of, change_in_light, compare, is_dark, is_grey
+
+logger = logging.getLogger(__name__)
 
 AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
 
@@ -88,6 +91,7 @@ class SteadyImages:
         self._seen.append(image.copy())  # a driver may reuse its array
         if len(self._seen) < self._needed:
             return None
+        warn_if_squeezed(self._seen[:1])
         found = background_of(self._seen)
         self.forget()
         return found
@@ -101,6 +105,29 @@ def _are_alike(image: Image, other: Image) -> bool:
     change, level = np.abs(cells - before).mean(axis=(0, 1)), before.mean(axis=(0, 1))
     moves = compare(cells, before, UNLIKE) > 0.01
     return not moves and bool((change < 2.0 + 0.2 * level).all())  # lamps flicker by less
+
+
+def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") -> None:
+    """Warn of images that lay on their side and were scaled into the upright shape.
+
+    What was scaled up along the longer side has lost the noise of the finest waves along it.
+    """
+    shares = []
+    for image in (each for each in images if min(each.shape[:2]) > 64):  # others show too few waves
+        grey = image.mean(axis=2, dtype=np.float32)
+        grey = grey if grey.shape[0] > grey.shape[1] else grey.T
+        power = np.abs(np.fft.fft2(grey * np.outer(*map(np.hanning, grey.shape)))) ** 2
+        along, across = (np.abs(np.fft.fftfreq(size)) for size in grey.shape)  # [waves a pixel], up to 0.5
+        fine = [
+            power[np.ix_(along > 0.42, abs(across - 0.15) < 0.1)],
+            power[np.ix_(abs(along - 0.15) < 0.1, across > 0.42)],
+        ]
+        least = 1e-3 * grey.size  # of noise well below a grey level, as in images without any
+        shares.append((np.median(fine[0]) + least) / (np.median(fine[1]) + least))
+    if shares and np.median(shares) < 0.4:  # above 0.58 in real and drawn images, and below 0.36 in nearly all once squeezed
+        logger.warning(
+            "%s seem to have been scaled to their size while they lay on their side: turn them instead", name
+        )
 
 
 # Markers: dots on some gels, darker than the gel around them. Sizes in pixels, 13 are 0.8 mm on a GelSight Mini.

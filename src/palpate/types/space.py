@@ -117,24 +117,26 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
 
     They are positions and quaternions x, y, z, w in rows (N, 7); of several at one time the last counts. Rows with NaN
     or a quaternion of zeros, as motion capture writes them, are not known. Positions are interpolated linearly,
-    rotations at an even rate; a static pose, the last, holds at all times. Raises FileError if none is known, or naming
-    a pose that is too far or whose quaternion has not length 1.
+    rotations at an even rate; a static pose, the last, holds at all times. Raises FileError if none is known, or where
+    more than a tenth are too far or have a quaternion of another length than 1; fewer are not known, with a warning.
     """
     from scipy.spatial.transform import Rotation, Slerp
 
     is_lost = ~np.isfinite(numbers).all(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
-    lost, time, numbers = np.sort(time[is_lost]), time[~is_lost], numbers[~is_lost]
-    if not len(time):
-        raise FileError(f"{name}: none of {len(lost)} poses is known: all hold NaN or a quaternion of zeros")
+    if is_lost.all():
+        raise FileError(f"{name}: none of {len(time)} poses is known: all hold NaN or a quaternion of zeros")
     near = np.asarray(is_near(numbers).all(axis=1))
     length = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
-    good = near & (np.abs(length - 1.0) < 1e-2)
-    if not good.all():
-        wrong = int(np.argmin(good))
-        raise FileError(
-            f"{name}: pose {wrong} at {time[wrong] * 1e-9:.9f} s is {numbers[wrong].tolist()}, allowed are a finite "
-            "position and a quaternion of length 1"
-        )
+    is_wrong = ~is_lost & ~(near & (np.abs(length - 1.0) < 1e-2))
+    if is_wrong.any():
+        first, count = int(np.argmax(is_wrong)), is_wrong.sum()
+        found = f"{name}: pose {first} at {time[first] * 1e-9:.9f} s is {numbers[first].tolist()}"
+        found += ", allowed are a finite position and a quaternion of length 1"
+        if count > 0.1 * len(time):
+            raise FileError(found)
+        logger.warning("%s; %d of %d such poses are taken as unknown", found, count, len(time))
+        is_lost |= is_wrong
+    lost, time, numbers = np.sort(time[is_lost]), time[~is_lost], numbers[~is_lost]
     order = np.argsort(time, kind="stable")
     order = order[np.append(np.diff(time[order]) > 0, True)]
     time, position, turns = time[order], numbers[order, :3], Rotation.from_quat(numbers[order, 3:])
