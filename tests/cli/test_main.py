@@ -58,8 +58,10 @@ def test_closed_outputs_do_not_end_a_run():
 
 def test_errors_and_exit_codes(run_palpate, monkeypatch):
     assert run_palpate("--version") == (0, f"palpate {palpate.__version__}\n", "")
-    code, _, err = run_palpate("trak")
-    assert code == 2 and "track" in err
+    for word, meant in ("trak", "track"), ("truth_print", "truth-print"), ("Info", "info"):
+        assert run_palpate(word) == (2, "", f"palpate: there is no command {word!r}; did you mean {meant}?\n")
+    assert "convert" in run_palpate("words")[2]
+    assert run_palpate("help", "info") == run_palpate("info", "--help") and run_palpate() == run_palpate("--help")
     for words, option in (("--smother", "batch"), "--smoother"), (("--first-pose", "1", "2"), "--first-pose"):
         code, _, err = run_palpate("track", "push.mcap", *words)
         assert code == 2 and option in err

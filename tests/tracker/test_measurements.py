@@ -281,9 +281,13 @@ def test_an_object_pose_is_checked_where_it_is_made():
             ObjectPose(np.zeros(3), covariance)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("kind", [ContactDirection, Turn, lambda angle, _: ObjectPose(np.array([0, 0, angle]), CAMERA)])
-def test_angles_in_degrees_are_asked_about(kind):
-    with pytest.raises(EstimationError, match=r"100.* are these degrees\?"):
+def turned(angle: float, _: float) -> ObjectPose:
+    return ObjectPose(np.array([0, 0, angle]), CAMERA)
+
+
+@pytest.mark.parametrize("kind", [ContactDirection, Turn, ContactPlace, turned])
+def test_another_unit_is_asked_about(kind):
+    with pytest.raises(EstimationError, match=r"100.* are these (degrees|millimetres)\?"):
         kind(100.0, 1.0)
 
 

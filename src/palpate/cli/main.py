@@ -1,5 +1,6 @@
 """`palpate`: parses the command line, runs a command and turns errors into one line and an exit code."""
 
+import difflib
 import gc
 import inspect
 import io
@@ -18,7 +19,7 @@ from palpate.cli.recordings import calibrate, convert, info, view
 from palpate.cli.simulate import simulate, truth, truth_camera, truth_print
 from palpate.cli.study import evaluate, paper, train, tune
 from palpate.cli.track import demo, live, track, warm_up
-from palpate.errors import PalpateError, printable
+from palpate.errors import PalpateError, SettingError, printable
 
 COMMANDS: Any = {
     command.__name__.replace("_", "-"): command
@@ -59,8 +60,14 @@ def main(args: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     gc.set_threshold(100_000, 20, 20)
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
-    command: Any = COMMANDS.get(words[0]) if words else None
+    if words[:1] in ([], ["help"]):
+        words = [*words[1:2], "--help"]
+    command: Any = COMMANDS.get(words[0])
     try:
+        if not command and not words[0].startswith("-"):
+            near = difflib.get_close_matches(words[0], COMMANDS, 1)
+            question = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
+            raise SettingError(f"there is no command {words[0]!r}; {question}")
         if not command:  # one alone is quicker, since options of all take a tenth of a second
             tyro.extras.subcommand_cli_from_dict(
                 COMMANDS, prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config

@@ -9,6 +9,7 @@ from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
 from palpate.geometry.shapes import wrong_width
 from palpate.pipeline.metrics import flag_runs
+from palpate.touch.background import SteadyImages, first_frames
 from palpate.types.recording import Recording
 
 
@@ -19,10 +20,11 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - contact_share, truth_share: of the frames; None where contact is unknown.
     - contacts: start_s and end_s of each contact, since the first frame.
     - images: number of frames with an image; image_size: rows and columns [px].
-    - findings: kind (rate, unit, time gap or image), start_s, end_s and sentence.
+    - first_pose, its sigma, and first_pose_by: statement or ground truth; None where the recording has none.
+    - findings: kind (rate, unit, time gap, light or image), start_s, end_s and sentence.
     """
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
-    step = np.diff(time)
+    step, first, sigma = np.diff(time), recording.first_pose, recording.first_pose_sigma
 
     def between(first: int, last: int) -> dict[str, float]:
         return {"start_s": float(time[first] - time[0]), "end_s": float(time[last] - time[0])}
@@ -35,6 +37,9 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "truth_share": 0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
         "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
+        "first_pose": None if first is None else first.tolist(),
+        "first_pose_sigma": None if sigma is None else sigma.tolist(),
+        "first_pose_by": None if first is None else "ground truth" if recording.first_pose_derived else "statement",
         "contacts": [] if contact is None else [between(*ends) for ends in flag_runs(contact)],
         "findings": [
             {"kind": kind, **between(*ends), "sentence": sentence} for kind, *ends, sentence in _faults(recording)
@@ -43,7 +48,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
 
 
 def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
-    """Find another rate, lengths that are implausible in metres, missing frames and damaged images.
+    """Find another rate, lengths that are implausible in metres, missing frames, unsteady light and damaged images.
 
     Yields the kind, the first and the last frame, and a sentence.
     """
@@ -63,8 +68,14 @@ def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
             yield ("unit", 0, -1, str(error))
     for frame in np.flatnonzero(step > 3.0 * np.median(step)).tolist() if len(step) else ():
         yield ("time gap", frame, frame + 1, f"no frames for {step[frame]:.2f} s")
+    steady, is_open = SteadyImages(wanted), True
     for frame in range(len(recording)) if recording.image is not None else ():
         try:
-            recording[frame]
+            image = recording[frame].image
         except FileError as error:
             yield ("image", frame, frame, str(error))
+            continue
+        if is_open and image is not None and steady.add(image) is not None:
+            is_open, first = False, frame + 1 - first_frames(wanted)
+            if recording.time[first] - recording.time[0] > 0.3:  # [s]
+                yield ("light", 0, first, "first images are black or change; the untouched gel is learnt after them")

@@ -143,17 +143,18 @@ def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
 
 
 def title_of(run: Run) -> str:
-    """Return three lines: the name, the final pose and its error."""
+    """Return three lines: the name, the final pose with its status, and its error."""
     summary, file = run.summary, run.recording.file
     # The name of a file may contain bytes that are not text.
     name = file.name.encode("utf-8", "replace").decode() if file else run.recording.source or "recording"
+    name, status = textwrap.shorten(name, 120, placeholder=" ..."), run.online.status[-1]
     pose = pose_words(summary["final_pose"], summary["final_sigma"])
     error = "no ground truth"
     if summary["scored_frames"]:
         translation, rotation = summary["final_translation_error_mm"], summary["final_rotation_error_deg"]
         seconds = summary["final_scored_time_s"] - run.online.time[0]
         error = f"final error {translation:.1f} mm and {rotation:.1f}°, at {seconds:.1f} s"
-    return f"{textwrap.shorten(name, 120, placeholder=' ...')}\nfinal pose {pose} (1 sigma)\n{error}"
+    return f"{name}\nfinal pose {pose} (1 sigma), {status}\n{error}"
 
 
 def outline_at(run: Run, pose: Array) -> Array:

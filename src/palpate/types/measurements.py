@@ -31,8 +31,9 @@ class _OneNumber(Measurement):
         found = f"{type(self).__name__} has {name} {given!r} and variance {given_variance!r}"
         if value is None or variance is None or not variance > 0.0:
             raise EstimationError(f"{found}; they must be finite, the variance above 0")
-        if name == "angle" and abs(value) > TURNS:
-            raise EstimationError(f"{found}; the angle must be in radians, up to two turns: are these degrees?")
+        if abs(value) > {"angle": TURNS, "place": 1.0}[name]:
+            unit = ("radians, up to two turns", "degrees") if name == "angle" else ("metres", "millimetres")
+            raise EstimationError(f"{found}; the {name} must be in {unit[0]}: are these {unit[1]}?")
         object.__setattr__(self, name, value)
         object.__setattr__(self, "variance", variance)
 
