@@ -124,7 +124,9 @@ def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") ->
         ]
         least = 1e-3 * grey.size  # of noise well below a grey level, as in images without any
         shares.append((np.median(fine[0]) + least) / (np.median(fine[1]) + least))
-    if shares and np.median(shares) < 0.4:  # above 0.58 in real and drawn images, and below 0.36 in nearly all once squeezed
+    if (
+        shares and np.median(shares) < 0.4
+    ):  # above 0.58 in real and drawn images, and below 0.36 in nearly all once squeezed
         logger.warning(
             "%s seem to have been scaled to their size while they lay on their side: turn them instead", name
         )
