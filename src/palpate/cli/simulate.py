@@ -59,7 +59,7 @@ def simulate(
         folder: Folder of the recordings.
         replay: Render touch images for the motion of a real recording instead. Repeat for more.
         seed: The same seed gives the same files.
-        unit: Seed of one sensor unit for all recordings.
+        unit: Seed of one sensor unit on one robot for all recordings, with one mounting, outline error and delay.
         shard: Make every Nth recording from the Kth on, as one of N machines.
         resume: Keep the recordings that are there and make the rest.
     """

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palpate import DIGIT, Disc, track
+from palpate.geometry import se2
 from palpate.lab.simulate import set_up_errors
 from palpate.lab.simulate.recordings import simulate_recording
 from palpate.lab.simulate.scene import WARM_UP
@@ -76,3 +77,16 @@ def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
     near = np.convolve(touched, np.ones(5), mode="same") > 0
     well_within = np.convolve(~touched, np.ones(7), mode="same") < 0.5
     assert not found[~near].any() and found[well_within].all()
+
+
+def test_recordings_of_a_unit_are_of_one_robot():
+    robot = [simulate_recording(DISC, "disc", seed, 3.0, images=False, unit=4) for seed in (1, 2)]
+    other = simulate_recording(DISC, "disc", 1, 3.0, images=False, unit=5)
+    one, two, three = (
+        np.median(se2.between(each.extra["sensor_pose_clean"], each.sensor_pose), axis=0) for each in (*robot, other)
+    )
+    np.testing.assert_allclose(one, two, atol=1e-4)
+    assert np.abs(one - three).max() > 1e-3
+    assert robot[0].shape.extent == pytest.approx(robot[1].shape.extent, rel=1e-6)
+    placed = [se2.between(each.object_pose[0], each.first_pose) for each in robot]
+    assert np.hypot(*(placed[0] - placed[1])[:2]) > 5e-4

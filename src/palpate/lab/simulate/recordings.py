@@ -53,7 +53,8 @@ class Simulation:
     images: bool = True
     """Make touch images."""
     unit: int | None = None
-    """Seed of the sensor unit, to have the same in many recordings; None draws one for this recording."""
+    """Seed of a sensor unit on a robot, to have it in many recordings; errors of mounting, outline and time are its
+    own, too. None draws one for this recording."""
     knocks: bool = False
     """A finger shoves the object now and then; extra/knocked marks the frames."""
     ideal: bool = False
@@ -79,7 +80,7 @@ class Simulation:
             + (f"drawn touch images of unit {unit}" if self.images else f"no touch images, gel of unit {unit}")
             + (", knocked" if self.knocks else "")
             + ("" if self.sensor == DIGIT else f", {self.sensor.name}")
-            + ("" if self.ideal else ", with systematic errors")
+            + ("" if self.ideal else f", with systematic errors{'' if self.unit is None else ' of the unit'}")
         )
 
     def run(self, progress: Callable[[int], None] | None = None) -> Recording:
@@ -89,7 +90,7 @@ class Simulation:
         """
         unit_seed, *seeds = self._seeds()
         pushes, noise, camera, shoves, systematic = (np.random.default_rng(each) for each in seeds)
-        errors = None if self.ideal else draw_errors(systematic)
+        errors = None if self.ideal else draw_errors(systematic, self.unit)
         unit = draw_unit(self.sensor, unit_seed)
         gel = replace(self.sensor, radius=unit.radius)
         hand, drift = shoves if self.knocks else None, errors.gel_drift if errors else (0.0, 0.0)

@@ -88,8 +88,11 @@ class SetUpErrors:
     """Change of the gel's light and skin."""
 
 
-def draw_errors(rng: np.random.Generator) -> SetUpErrors:
-    """Draw the errors of one recording; the same generator gives the same."""
+def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpErrors:
+    """Draw the errors of one recording; the same generator gives the same.
+
+    Those of mounting, outline and time are the same in all recordings of a robot with this `unit`.
+    """
 
     def offset(length: float, turn: float) -> Array:
         angle = rng.uniform(-np.pi, np.pi)
@@ -100,7 +103,7 @@ def draw_errors(rng: np.random.Generator) -> SetUpErrors:
 
     near, turned = (2e-3, 5e-3), (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
     drift = 0.2 / WARM_UP
-    return SetUpErrors(
+    errors = SetUpErrors(
         mounting=offset(1e-3, np.radians(1.0)),
         outline=1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.02),
         late=int(rng.integers(2)),
@@ -109,6 +112,10 @@ def draw_errors(rng: np.random.Generator) -> SetUpErrors:
         gel_drift=(rng.uniform(-drift, drift), rng.uniform(-drift, drift)),
         wear=draw_wear(rng.spawn(1)[0]),  # a generator of its own: later draws from rng do not depend on the wear
     )
+    if unit is None:
+        return errors
+    robot = draw_errors(np.random.default_rng([unit, 1]))  # draw_unit begins with the other
+    return replace(errors, mounting=robot.mounting, outline=robot.outline, late=robot.late)
 
 
 def draw_wear(rng: np.random.Generator) -> Wear:
