@@ -17,6 +17,7 @@ from palpate.compiled import is_cached
 from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError, one_line
 from palpate.filter.hypothesis_bank import HypothesisBank
+from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Shape, check_outline
 from palpate.graph import gauss_newton
 from palpate.graph.contact_geometry import contact_model
@@ -65,12 +66,18 @@ class Tracker:
         standard deviations (3,) [m, m, rad] along the object's axes, or a covariance (3, 3) as an `Estimate` has it; by
         default `noise.first_pose`. `set_up_sigma` are those of the constant offset between sensor, world and outline,
         by default `noise.sensor_pose.calibration`. Without a `calibration` of this sensor unit, the first half second
-        of images is taken as untouched. `touch` is an object of your own that measures in place of the touch model.
+        of images is taken as untouched; one by pushes corrects the sensor's poses, too, and takes the place of
+        `set_up_sigma`. `touch` is an object of your own that measures in place of the touch model.
 
         The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
         settings, sensor = with_set_up(settings or TrackerSettings(), set_up_sigma), known_sensor(sensor)
+        self._set_up = calibration.set_up if calibration else None
+        if self._set_up:
+            settings = replace(settings, noise=self._set_up.applied(settings.noise))
+        self._path: list[tuple[float, Array]] = []  # times and corrected sensor poses of the last second
+        self._moved = np.zeros(3)  # motion of the sensor since the image was taken, in the world
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up()
         self._sensor, self._settings = sensor, settings
@@ -109,6 +116,7 @@ class Tracker:
             self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
         self._touch.end_contact()
         self._gate.reset()
+        self._path = []
         self._bank.begin(*self._first)
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
@@ -123,7 +131,7 @@ class Tracker:
         gate, bank, touch = self._gate, self._bank, self._touch
 
         # 1. Refuse implausible input, and decide contact.
-        frame = checked_frame(frame, measurements, len(self._sensor.tips))
+        frame, path = self._placed(checked_frame(frame, measurements, len(self._sensor.tips)))
         needs_clearance = gate.needs_clearance and frame.image is not None
         clearance = bank.clearance(frame.sensor_pose) if needs_clearance else None
         frame = gate.check(frame, clearance, touch.reads_images, touch.needs_colours)
@@ -145,6 +153,7 @@ class Tracker:
 
         # 4. Report.
         gate.accept(frame)
+        self._path = path
         return self._report(frame)
 
     @property
@@ -174,6 +183,18 @@ class Tracker:
         """The untouched gel as it is known now; None before the first images, and without images."""
         return self._gate.background
 
+    def _placed(self, frame: Frame) -> tuple[Frame, list[tuple[float, Array]]]:
+        """Return a frame with the sensor's true pose when its image was taken, by the calibration, and its path."""
+        if self._set_up is None:
+            return frame, []
+        now = se2.compose(frame.sensor_pose, (0.0, -self._set_up.sideways[0], 0.0))
+        recent = (one for one in self._path if frame.time - 1.0 < one[0] < frame.time)
+        path = [*recent, (frame.time, now)]
+        times, poses = map(np.array, zip(*path, strict=True))
+        then = se2.interpolated(frame.time - self._set_up.delay[0], times, poses)
+        self._moved = se2.compose(now, se2.inverse(then))
+        return replace(frame, sensor_pose=then), path
+
     def _check_first_pose(self, frame: Frame) -> None:
         """Warn of a first pose far from the sensor at the first frame."""
         pose, covariance = self._first
@@ -192,6 +213,9 @@ class Tracker:
         """Return the estimate at the last frame."""
         gate, bank = self._gate, self._bank
         estimate = bank.report(frame.time, gate.hidden_motion)
+        if self._moved.any() and estimate.contact:  # the object goes with the sensor
+            answers = tuple(replace(one, pose=se2.compose(self._moved, one.pose)) for one in estimate.answers)
+            estimate = replace(estimate, pose=se2.compose(self._moved, estimate.pose), answers=answers)
         status, reason = estimate.status, gate.doubt or estimate.reason or gate.weakness
         if gate.hidden_motion:
             moved = f"the sensor may have moved {1e3 * gate.hidden_motion:.0f} mm since"

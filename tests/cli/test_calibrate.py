@@ -1,5 +1,6 @@
 """`palpate calibrate` without presses (see tests/touch for these), and calibration files."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -163,3 +164,31 @@ def test_other_calibration_files_are_refused_in_one_sentence(fields, message):
     with pytest.raises(palpate.FileError, match=message) as error:
         palpate.load_calibration("unit.npz")
     assert str(error.value).startswith("unit.npz: ") and "\n" not in str(error.value)
+
+
+def test_pushes_show_a_robot(json_of, fails, succeeds):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    assert "folder" in succeeds("simulate", "made", "--shape", "disc", "--count", "1", "--seconds", "4", "--unit", "3")
+    push = palpate.load_recording("made/disc-000000.mcap")
+    names = []
+    for turn in (0.0, 2.0, 4.0):  # the same push in three places of the world
+        names.append(f"{turn:g}.mcap")
+        poses = {name: np.array(getattr(push, name)) for name in ("sensor_pose", "object_pose", "first_pose")}
+        for pose in poses.values():
+            x, y, theta = pose.T
+            pose.T[:] = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y, theta + turn
+        palpate.write_recording(dataclasses.replace(push, extra={}, **poses), names[-1])
+    told = json_of("calibrate", "--pushes", *names, "--out", "unit.npz")
+    assert told["pushes"] == 3 and told["untouched"] == 45 and Path("unit.png").stat().st_size > 1000
+    assert {"delay [ms]", "outline size [%]"} < set(told["robot"])
+    assert all(0.0 < row["sigma"] <= row["sigma_before"] for row in told["robot"].values())
+    assert json_of("info", "unit.npz")["sideways"][1] > 0.0
+    assert json_of("track", names[0], "--calibration", "unit.npz")["contact_frames"] > 10
+    palpate.write_recording(dataclasses.replace(push, image=None), "unseen.mcap")
+    for given, message in (
+        (names[:2], "found 2 pushes; at least 3 are needed"),
+        (["unseen.mcap", *names[:2]], "unseen.mcap: has no images"),
+        (["gone.mcap", *names[:2]], "gone.mcap"),
+    ):
+        assert message in fails("calibrate", "--pushes", *given, "--out", "other.npz")
+        assert not Path("other.npz").exists() and not Path("other.png").exists()

@@ -1,6 +1,7 @@
 """`palpate info`, `convert`, `view` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
 
 import math
+from dataclasses import asdict
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -122,6 +123,7 @@ def about_calibration(calibration: "Calibration") -> dict[str, Any]:
         "offset_sigma_deg": degrees(direction.offset_sigma) if direction.offset_sigma is not None else None,
         "scale": direction.scale,
         "scale_sigma": direction.scale_sigma,
+        **({name: list(value) for name, value in asdict(calibration.set_up).items()} if calibration.set_up else {}),
     }
 
 
@@ -158,12 +160,13 @@ def calibrate(
     presses: Annotated[Path | None, arg("PRESSES.csv", "none")] = None,
     untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
     ruler: Annotated[tuple[str, Path] | None, arg("LENGTH IMAGE", "none")] = None,
+    pushes: Annotated[tuple[Path, ...], arg("RECORDING", "none")] = (),
     sensor: Sensor = "digit",
     orientation: Orientation = "",
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
     force: Force = False,
 ) -> Report:
-    """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses their orientation.
+    """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses or pushes the rest.
 
     Untouched images are files, or the frames of a recording that its contact flags call untouched (all frames if it has
     no flags).
@@ -179,10 +182,15 @@ def calibrate(
         untouched: Images of the untouched gel, in place of FILE.
         ruler: Distance of two edges, such as a caliper's jaws, or balls that are pressed in side by side across the
             image, as 8mm, and the image that shows them.
-        model: Folder of the touch model that reads the presses.
+        pushes: Three or more recordings of one robot, better ten, without ground truth, of several objects and sides.
+            They show the errors of mounting, delay, directions and outlines; UNIT.png draws them. Without FILE or
+            images, their first half seconds are the untouched gel.
+        model: Folder of the touch model that reads presses and pushes.
     """
     from palpate import io as formats
-    from palpate.files import in_file, numbers_of
+    from palpate.files import in_file, numbers_of, whole_file
+    from palpate.pipeline.figures import drawing, push_figure
+    from palpate.pipeline.push_calibration import first_images, learn_from_pushes, read_push
     from palpate.touch.background import background_of
     from palpate.touch.calibration import Calibration, write_calibration
     from palpate.touch.cells import is_grey
@@ -192,11 +200,12 @@ def calibrate(
     from palpate.types.images import camera_view, fitted, read_image
     from palpate.types.sensor import known_sensor
 
-    if (file is None) == (not untouched):
+    if (file and untouched) or not (file or untouched or pushes):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
     check_new(out, force)
+    pushed = [formats.load_recording(each, orientation) for each in pushes]
     recording = formats.load_recording(file, orientation) if file else None
-    profile = recording.sensor if recording else known_sensor(sensor)
+    profile = (recording or pushed[0]).sensor if recording or pushed else known_sensor(sensor)
     size, view = (profile.image_height, profile.image_width), camera_view(orientation)
 
     def look(path: Path) -> "Image":
@@ -207,7 +216,9 @@ def calibrate(
     if ruler and not (length and length[0] > 0.0):
         raise SettingError(f"--ruler: found the length {ruler[0]!r}; expected a number above 0 in mm, such as 8mm")
     scale = (look(ruler[1]), 1e-3 * length[0]) if ruler and length else None
-    still = list(untouched_images(recording) if recording else map(look, untouched))
+    still = list(untouched_images(recording)) if recording else [look(each) for each in untouched]
+    still = still or list(first_images(pushed))
+    reader = TouchModel(model) if model else shipped_model(profile.name) if presses or pushes else None
     numbers: dict[str, Any] = {"untouched": len(still)}
     if presses is None:
         calibration = Calibration(background_of(still))
@@ -219,14 +230,23 @@ def calibrate(
         with in_file(presses):
             if model is None and any(map(is_grey, (*still, *pressed.images))):
                 raise FileError(GREY)
-            reader = TouchModel(model) if model else shipped_model(profile.name)
+            assert reader
             fit = learn_from_presses(pressed, still, profile, reader, scale)
         calibration = fit.calibration
         numbers |= {"presses": len(pressed.images), "keeps_left_and_right": calibration.view.keeps_left_and_right}
         numbers["scatter_deg"] = math.degrees(fit.scatter)
+    notes = [] if presses is None else ["Presses find left and right only; up and down may be wrong."]
+    if reader and pushed:
+        with progress_bar(f"fitting {len(pushed)} pushes"):
+            learnt = learn_from_pushes([read_push(each, reader, calibration) for each in pushed], calibration)
+        calibration, about = learnt.calibration, learnt.about()
+        numbers |= {"pushes": len(pushed), "misfit": learnt.misfit, "robot": about}
+        unknown = [name for name, row in about.items() if row["sigma"] > 0.9 * row["sigma_before"]]
+        notes += [f"These pushes do not show: {', '.join(unknown)}."] if unknown else []
+        with drawing(str(out.with_suffix(".png"))), whole_file(out.with_suffix(".png"), overwrite=True) as part:
+            push_figure(learnt).savefig(part, format="png", dpi=120)
     write_calibration(calibration, out, overwrite=force)
     files = {"file": file and str(file), "out": str(out)}
-    notes = [] if presses is None else ["Presses find left and right only; up and down may be wrong."]
     if presses and not calibration.view.keeps_left_and_right:
         notes += ["Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y."]
     return Report("calibration", files | numbers | about_calibration(calibration), notes=notes)

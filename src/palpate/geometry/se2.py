@@ -114,6 +114,15 @@ def right_jacobian_inverse(xi: ArrayLike) -> Array:
     return _affine(cot, half, e * vx + 0.5 * vy, e * vy - 0.5 * vx)
 
 
+def interpolated(when: Array | float, time: Array, pose: Array) -> Array:
+    """Return poses (M, 3) at times (M,) between poses (N, 3) at increasing times (N,), yaws the shorter way round.
+
+    Before the first and after the last, these.
+    """
+    columns = [np.interp(when, time, column) for column in (*pose[:, :2].T, np.unwrap(pose[:, 2]))]
+    return np.stack((columns[0], columns[1], wrap(columns[2])), axis=-1)
+
+
 def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:
     """Return the ellipses that hold the objects' origins with 95 % probability, as closed lines (N, P, 2) [m].
 

@@ -13,6 +13,7 @@ from palpate.errors import one_line
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.metrics import deviations, flag_runs, pose_words, rotation_errors, translation_errors
+from palpate.pipeline.push_calibration import NUMBERS, PushFit
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Status
 
@@ -101,6 +102,25 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
     pairs = (zip(*axes.get_legend_handles_labels(), strict=True) for axes in (above, translation, status))
     handles = {label: handle for some in pairs for handle, label in some}
     figure.legend(handles.values(), handles, loc="lower center", ncols=8, frameon=False, fontsize=9)
+    return figure
+
+
+def push_figure(fit: PushFit) -> "Figure":
+    """Draw each number of a calibration by pushes with one sigma: usual, by single pushes, and by all together."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 4.5), layout="constrained")
+    for axes, (name, unit), row in zip(figure.subplots(2, 3).flat, NUMBERS.items(), range(len(NUMBERS)), strict=True):
+        (usual, wide), (found, sigma) = unit * fit.before[row], unit * fit.after[row]
+        axes.axhspan(usual - wide, usual + wide, color=TRUTH, alpha=0.2, lw=0, label="usual robot")
+        axes.axhspan(found - sigma, found + sigma, color=ESTIMATE, alpha=0.3, lw=0)
+        axes.axhline(found, color=ESTIMATE, label="all pushes")
+        if row < fit.each.shape[1]:
+            mean, deviation = unit * fit.each[:, row].T
+            axes.errorbar(np.arange(1, len(mean) + 1), mean, deviation, fmt="o", ms=3, color="black", label="one push")
+        axes.set_title(name, fontsize=10)
+        axes.set_xlim(0.5, len(fit.each) + 0.5)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 

@@ -1,7 +1,7 @@
 """Calibration of one sensor unit: its untouched gel, camera view and errors of directions, in a file (`.npz`)."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.checks import FLAGS, NUMBERS, checked_array
+from palpate.config import NoiseSettings, Normal
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, read_arrays, whole_file
 from palpate.touch.background import Background
@@ -17,7 +18,7 @@ from palpate.touch.cells import Levels
 from palpate.types.images import AS_IT_IS, CameraView
 from palpate.types.sensor import SensorProfile
 
-VERSION = 5
+VERSION = 6
 LEAST_PITCH, MOST_PITCH = 0.625, 1.6
 """Pixel pitches that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
 
@@ -74,6 +75,27 @@ class DirectionCorrection:
 UNCORRECTED = DirectionCorrection()
 
 
+@dataclass(frozen=True)
+class SetUp:
+    """Constant errors of a robot that pushes have shown, each with its standard deviation."""
+
+    sideways: Normal
+    """Stated place of the sensor minus the true one, along the sensor's y [m]."""
+    delay: Normal
+    """Time by which images show the gel late [s]."""
+    depth: Normal
+    """Indentation of the gel, with all constant errors along the push [m]."""
+    outline_scale: Normal
+    """Relative size error of outlines."""
+
+    def applied(self, noise: NoiseSettings) -> NoiseSettings:
+        """Return the settings with what is known of this robot in place of what is of any."""
+        priors = replace(noise.priors, depth=self.depth, outline_scale=self.outline_scale)
+        # The rest of the mounting is in the depth and in the errors of directions.
+        pose = replace(noise.sensor_pose, calibration=(self.sideways[1], self.sideways[1], 0.0))
+        return replace(noise, priors=priors, sensor_pose=pose)
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """Properties of one sensor unit."""
@@ -88,8 +110,10 @@ class Calibration:
     """Width and height of a pixel on the gel [m]; None if it was not measured."""
     pixel_pitch_sigma: float = 0.0
     """Its standard deviation, as a share of it."""
+    set_up: SetUp | None = None
+    """Errors of the robot; None without pushes."""
     is_view_known: bool = False
-    """Presses have shown how images lie; otherwise only their size is known."""
+    """Presses or pushes have shown how images lie; otherwise only their size is known."""
     file: Path | None = None
     """Its file, if it was read from one."""
     is_sure: bool = False
@@ -139,6 +163,7 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
             view_known=calibration.is_view_known,
             direction=[direction.offset, direction.scale, *sigmas],
             pixel_pitch=[calibration.pixel_pitch or np.nan, calibration.pixel_pitch_sigma],
+            set_up=np.array(astuple(calibration.set_up) if calibration.set_up else [], np.float64),
         )
 
 
@@ -151,8 +176,9 @@ def load_calibration(path: Path | str) -> Calibration:
         if missing := [name for name in names if name not in arrays]:
             raise FileError(f"is no calibration of palpate calibrate, {missing[0]!r} is missing")
         version = int(checked_array("version", arrays["version"], NUMBERS, ()))
-        if version != VERSION:
+        if version not in (5, VERSION):  # without and with pushes
             raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
+        set_up = arrays["set_up"] if version == VERSION and "set_up" in arrays else np.empty(0)
         mean = _levels("mean", arrays["mean"], ("N", "N", 3))
         background = Background(mean, _levels("deviation", arrays["deviation"], mean.shape))
         background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
@@ -166,7 +192,10 @@ def load_calibration(path: Path | str) -> Calibration:
         is_view = turns in range(4) and mirrored in (0, 1) and sorted(channels) == [0, 1, 2]
         is_direction = np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)
         is_pitch = (np.isnan(pitch) or 0.0 < pitch < 1.0) and 0.0 <= pitch_sigma <= 0.5
+        is_set_up = set_up.dtype.kind == "f" and (not set_up.size or set_up.shape == (4, 2))
+        is_set_up = is_set_up and (np.abs(set_up) <= 1.0).all() and (set_up[..., 1:] > 0.0).all()
         for name, is_right, allowed in (
+            ("set_up", is_set_up, "nothing, or four numbers up to 1 with sigmas above 0"),
             ("view", is_view, "quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2"),
             ("direction", is_direction, "an offset, a scale above 0 and sigmas above 0"),
             ("pixel_pitch", is_pitch, "a length [m] and a sigma from 0 to 0.5"),
@@ -180,6 +209,7 @@ def load_calibration(path: Path | str) -> Calibration:
             DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas)),
             None if np.isnan(pitch) else pitch,
             pitch_sigma,
+            SetUp(*map(tuple, set_up.astype(float).tolist())) if set_up.size else None,
             is_view_known=bool(checked_array("view_known", arrays["view_known"], FLAGS, ())),
             file=path,
         )

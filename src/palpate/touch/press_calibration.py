@@ -46,7 +46,8 @@ SPREAD = np.radians(8.0)  # [rad] between least and greatest angle that a model 
 WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
 _OFFSET, _SCALE = np.radians(2.0), 0.1  # standard deviations of offset [rad] and scale before any press
 _OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball, if the image shows all of both
-_LEFT_OR_RIGHT = 3.0  # log likelihood of one over the other that makes it known
+LEFT_OR_RIGHT = 3.0
+"""Log likelihood of one over the other that makes it known."""
 _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
 _IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
 _ALIKE = 0.4  # correlation of two imprints; simulated ones have 0.5 or more, and a single one at most 0.15
@@ -228,7 +229,7 @@ def learn_from_presses(
             f"allowed are {np.degrees(worst):.0f}: are {over} right, and is the untouched gel of this unit, and "
             "untouched?"
         )
-    if log_likelihood - exchanged < _LEFT_OR_RIGHT:
+    if log_likelihood - exchanged < LEFT_OR_RIGHT:
         found = f"found presses within {np.degrees(np.ptp(fit.angle)):.1f} degrees"
         raise FileError(f"{found}, less than noise can tell left from right by; add some farther apart")
     scale, usual = fit.calibration.direction.scale, calibrated(sensor, fit.calibration).shown / sensor.shown

@@ -1,7 +1,8 @@
 import numpy as np
 
 from palpate import Disc
-from palpate.lab.simulate.paths import interpolated, sharp_corners
+from palpate.geometry.se2 import interpolated
+from palpate.lab.simulate.paths import sharp_corners
 
 
 def test_sharp_corners_stick_out():

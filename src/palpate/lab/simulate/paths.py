@@ -46,15 +46,6 @@ def sharp_corners(corners: Array) -> NDArray[np.intp]:
     return np.flatnonzero(turn > np.radians(30.0))
 
 
-def interpolated(when: Array, time: Array, pose: Array) -> Array:
-    """Return poses (M, 3) at times (M,) between poses (N, 3) at increasing times (N,), yaws the shorter way round.
-
-    Before the first and after the last, these.
-    """
-    columns = [np.interp(when, time, column) for column in (*pose[:, :2].T, np.unwrap(pose[:, 2]))]
-    return np.column_stack((columns[0], columns[1], se2.wrap(columns[2])))
-
-
 def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Generator) -> Touch:
     """Draw a contact of one kind that the gel can reach; raises SettingError if none is found.
 

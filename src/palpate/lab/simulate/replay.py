@@ -24,7 +24,7 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.lab.simulate.gel import draw_side, render
-from palpate.lab.simulate.paths import interpolated, minimum_jerk
+from palpate.lab.simulate.paths import minimum_jerk
 from palpate.lab.simulate.recordings import Outcome, check_not_negative, fill_folder
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.pipeline.metrics import flag_runs
@@ -162,7 +162,7 @@ def real_motion(recording: Recording) -> RealMotion:
             known[before] & known[after],
             contact[np.where(time[after] - at < at - time[before], after, before)],
         )
-        sensor_pose, object_pose = (interpolated(at, time, each) for each in (sensor_pose, object_pose))
+        sensor_pose, object_pose = (se2.interpolated(at, time, each) for each in (sensor_pose, object_pose))
         time = at
     rest = 0.6  # [s], a little more than the detector of contact needs to see the gel
     if contact[time - time[0] < rest].any():

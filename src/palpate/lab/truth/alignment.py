@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 
 from palpate.errors import FileError
 from palpate.geometry import se2
-from palpate.lab.simulate.paths import interpolated
 from palpate.lab.truth.camera import TagTrack
 from palpate.types.recording import Recording
 
@@ -102,7 +101,7 @@ def _at_times(when: Array, time: Array, pose: Array, sigma: Array) -> tuple[Arra
     after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
     known = ((when >= time[0]) & (when <= time[-1]) & (time[after] - time[after - 1] <= 0.1))[:, None]
     spread = np.column_stack([np.interp(when, time, values) for values in sigma.T])
-    return np.where(known, interpolated(when, time, pose), np.nan), np.where(known, spread, np.nan)
+    return np.where(known, se2.interpolated(when, time, pose), np.nan), np.where(known, spread, np.nan)
 
 
 def _delay(time: Array, angle: Array, tag: TagTrack) -> float:

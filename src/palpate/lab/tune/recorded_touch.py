@@ -3,7 +3,7 @@
 The measurements depend on no setting of the graph, and reading them takes half of the time of tracking.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,15 +11,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.config import NoiseSettings, Tactile, TactileChoice, TrackerSettings
+from palpate.config import Tactile, TactileChoice, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
-from palpate.pipeline.first_release import release_after_start
+from palpate.pipeline.push_calibration import read_touch
 from palpate.pipeline.track import first_pose_of, gathered, tracked_frames
-from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection, turned_as
-from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.pipeline import TouchReader
+from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.types.estimate import Trajectory
@@ -98,7 +96,7 @@ def record_touch(
     contact, measurements = recording.contact, None
     if recording.image is not None:
         used = (model or shipped_model(recording.sensor.name)) if is_learnt else None
-        frames = list(_measured(recording, tactile, used, calibration))
+        frames = list(read_touch(recording, tactile, used, calibration))
         contact = np.array([touching for touching, _ in frames])
         measurements = tuple(each for _, each in frames) if is_learnt else None
     assert contact is not None
@@ -159,24 +157,3 @@ def _record_file(
         return name, record_touch(load_recording(path, orientation), *touch)
     except PalpateError as error:
         return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
-
-
-def _measured(
-    recording: Recording, tactile: Tactile, model: TouchModel | None, calibration: Calibration | None
-) -> Iterator[tuple[bool, Measurements]]:
-    """Yield contact and measurements of each frame, as the tracker reads them from its image."""
-    if calibration is None:
-        calibration = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), tactile)
-    sensor = turned_as(recording.sensor, calibration)
-    detector = ContactDetector(sensor, calibration)
-
-    touch = TouchReader(tactile, sensor, model, calibration)
-    touching = False
-    for frame in recording:
-        assert frame.image is not None
-        image = detector.read(frame.image)
-        was_touching, touching = touching, detector.update(image)
-        if was_touching and not touching:
-            touch.end_contact()
-        frame = replace(frame, image=image)
-        yield touching, tuple(touch.read(frame, detector.background)) if touching and model else ()

@@ -1,0 +1,259 @@
+"""Calibration of a robot by ordinary pushes without truth: one fit over what is common to all of them.
+
+With its own first pose, friction and path, each push gives a Gaussian on the variables of the graph that all pushes
+share. Their product, less the prior that each one counts again, is that of all. The place of the sensor along its y and
+the delay of images are no variables: all pushes are fitted at several of both, and a quadratic through the costs gives
+them and their deviations. A place along x cannot be told from the indentation, nor a yaw from an offset of directions.
+"""
+
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.config import NoiseSettings, Tactile
+from palpate.errors import EstimationError, FileError
+from palpate.filter.hypotheses import costs_of_contact
+from palpate.geometry import se2
+from palpate.graph.belief import Belief
+from palpate.graph.contact_geometry import contact_model
+from palpate.graph.factors import Step, make_factors
+from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, LAG, OUTLINE_SCALE
+from palpate.graph.window import Window
+from palpate.pipeline.first_release import release_after_start
+from palpate.pipeline.metrics import flag_runs
+from palpate.pipeline.track import first_pose_of
+from palpate.touch.background import first_frames
+from palpate.touch.calibration import (
+    LEAST_PITCH,
+    MOST_PITCH,
+    Calibration,
+    DirectionCorrection,
+    SetUp,
+    calibrated,
+    turned_as,
+)
+from palpate.touch.cells import Image
+from palpate.touch.contact_detector import ContactDetector
+from palpate.touch.pipeline import TouchReader
+from palpate.touch.press_calibration import LEFT_OR_RIGHT
+from palpate.touch.touch_model import TouchModel
+from palpate.tracker import with_correction
+from palpate.types.measurements import Measurement
+from palpate.types.recording import Recording
+
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+
+FEWEST = 3
+"""Pushes that show if they belong together."""
+NUMBERS = {
+    "direction offset [deg]": 180.0 / math.pi,
+    "direction scale [%]": 100.0,
+    "depth [mm]": 1e3,
+    "outline size [%]": 100.0,
+    "sensor sideways [mm]": 1e3,
+    "delay [ms]": 1e3,
+}
+"""Numbers of the fit with their units for people; the first four are variables of the graph."""
+_SHARED = (DIRECTION_BIAS, DIRECTION_SCALE, DEPTH, OUTLINE_SCALE)
+_COLUMNS = [IN_OBJECT[one].start for one in _SHARED]
+_MOUNTED, _OUTLINES = 0.0175, 0.015  # [rad], share: deviations of a mounting's yaw and of outlines' size
+_OUTSIDE = np.array([(0.0, 1e-3), (0.03, 0.05)])  # [m], [s]: sideways and delay of a usual robot
+_SHOWS_LATE = np.array([0.0, 0.05])  # [s] by which a touch shows late in images that are not
+_MIDDLE, _STEP = _SHOWS_LATE, np.array([1e-3, 0.05])  # [m], [s] of the fits
+_Joint = tuple[float, Array, Array, Array, float]
+"""Cost, mean (4,) and covariance (4, 4) of the shared variables, means and deviations by each push alone (N, 4, 2), and
+the chi-square of these about the mean."""
+_APART = 6.0  # misfit from which pushes are not of one robot
+
+
+def read_touch(
+    recording: Recording, tactile: Tactile, model: TouchModel | None, calibration: Calibration | None
+) -> Iterator[tuple[bool, tuple[Measurement, ...]]]:
+    """Yield contact and measurements of each frame, as the tracker reads them from its image; none without a model."""
+    if calibration is None:
+        calibration = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), tactile)
+    sensor = turned_as(recording.sensor, calibration)
+    detector, touch = ContactDetector(sensor, calibration), TouchReader(tactile, sensor, model, calibration)
+    touching = False
+    for frame in recording:
+        assert frame.image is not None
+        image = detector.read(frame.image)
+        was_touching, touching = touching, detector.update(image)
+        if was_touching and not touching:
+            touch.end_contact()
+        frame = replace(frame, image=image)
+        yield touching, tuple(touch.read(frame, detector.background)) if touching and model else ()
+
+
+def first_images(recordings: Sequence[Recording]) -> Iterator[Image]:
+    """Yield the images of the first half second of each recording, which are taken as untouched."""
+    for recording in recordings:
+        frames = (recording[index] for index in range(min(first_frames(recording.sensor.rate), len(recording))))
+        yield from (frame.image for frame in frames if frame.image is not None)
+
+
+class Push(NamedTuple):
+    """A recording of N frames with what touch reads from its images."""
+
+    recording: Recording
+    """Its contact is that in the images."""
+    measurements: Sequence[Sequence[Measurement]]
+    """Those of each frame."""
+
+
+def read_push(recording: Recording, model: TouchModel, calibration: Calibration | None) -> Push:
+    """Return a push as touch reads it; raises FileError if it has no images or shows no contact."""
+    name = recording.file or "the recording"
+    if recording.image is None:
+        raise FileError(f"{name}: has no images, and a calibration by pushes reads touch from them")
+    contact, measurements = zip(*read_touch(recording, "learnt", model, calibration), strict=True)
+    if not any(contact):
+        raise FileError(f"{name}: is never in contact, and a calibration by pushes needs contacts")
+    return Push(replace(recording, image=None, contact=np.array(contact)), measurements)
+
+
+@dataclass(frozen=True, eq=False)
+class PushFit:
+    """Result of a calibration by N pushes; numbers are those of NUMBERS, in radians, metres and seconds."""
+
+    calibration: Calibration
+    """For `Tracker`."""
+    before: Array
+    """Mean and standard deviation of each number of a usual robot, (6, 2)."""
+    after: Array
+    """The same of this one, (6, 2)."""
+    each: Array
+    """The same of the first four by each push alone, (N, 4, 2)."""
+    misfit: float
+    """Chi-square of the pushes about their joint fit over its degrees of freedom; 1 if errors are as stated."""
+
+    def about(self) -> dict[str, dict[str, float]]:
+        """Return the numbers as plain data, in the units of their names."""
+        rows = np.column_stack([self.before, self.after]) * np.array([*NUMBERS.values()])[:, None]
+        names = ("usual", "sigma_before", "found", "sigma")
+        return {name: dict(zip(names, row, strict=True)) for name, row in zip(NUMBERS, rows.tolist(), strict=True)}
+
+
+def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushFit:
+    """Return the calibration that the pushes were read with, with what they show of the robot besides.
+
+    Raises FileError if pushes are fewer than FEWEST, of several sensors or robots, or leave a graph without solution.
+    """
+    if len(pushes) < FEWEST:
+        raise FileError(f"found {len(pushes)} pushes; at least {FEWEST} are needed")
+    sensor, names = pushes[0].recording.sensor, sorted({push.recording.sensor.name for push in pushes})
+    if len(names) > 1:
+        raise FileError(f"the pushes are of several sensors, {', '.join(names)}; allowed is one")
+    unit, direction = calibrated(sensor, calibration), calibration.direction
+    noise = with_correction(NoiseSettings(), direction, unit.pixel_pitch_sigma)
+    bias = math.hypot(noise.priors.direction_bias[1], _MOUNTED)
+    noise = replace(noise, priors=replace(noise.priors, direction_bias=(0.0, bias), outline_scale=(0.0, _OUTLINES)))
+    before = np.array([*(getattr(noise.priors, one.name) for one in _SHARED), *_OUTSIDE])
+
+    unsolved: set[int] = set()
+
+    def fit(outside: Array) -> _Joint:
+        found = []
+        for index, push in enumerate(pushes):
+            try:
+                found.append(_fitted(push, outside, noise))
+            except EstimationError:
+                unsolved.add(index)
+        if not found:
+            raise FileError("none of the pushes has a solution: are first poses and outlines right?")
+        return _joined(found, before[:4])
+
+    # A quadratic through the costs of nine fits, about which the shared variables are linear.
+    steps = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(9, 2)
+    products = steps[:, [0, 0, 1]] * steps[:, [0, 1, 1]] * (0.5, 1.0, 0.5)
+    costs, means, *_ = zip(*(fit(_MIDDLE + step * _STEP) for step in steps), strict=True)
+    _, *slope, aa, ab, bb = np.linalg.lstsq(
+        np.column_stack([np.ones(9), steps, products]), np.array(costs), rcond=None
+    )[0]
+    values, vectors = np.linalg.eigh([(aa, ab), (ab, bb)])
+    known = np.diag(np.square(_STEP / _OUTSIDE[:, 1]))
+    spread = np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + known)
+    move = np.clip(spread @ (known @ ((_OUTSIDE[:, 0] + _SHOWS_LATE - _MIDDLE) / _STEP) - slope), -1.5, 1.5)
+    cost, mean, covariance, each, chi_square = fit(_MIDDLE + move * _STEP)
+    if unsolved:
+        names = ", ".join(str(pushes[index].recording.file) for index in sorted(unsolved))
+        logger.warning("left out, since the graph of a contact has no solution: %s", names)
+        return learn_from_pushes([push for index, push in enumerate(pushes) if index not in unsolved], calibration)
+    mirrored = math.inf
+    with suppress(EstimationError):
+        mirrored = sum(_fitted(push, _MIDDLE, noise, sign=-1.0)[0] for push in pushes)
+    if mirrored < cost - LEFT_OR_RIGHT:
+        raise FileError("the images fit these pushes only with left and right exchanged: --orientation mirrored or 180")
+    misfit = chi_square / (4.0 * (len(pushes) - 1.0))
+    if misfit > _APART:
+        raise FileError(
+            f"the pushes do not belong together: they differ by {misfit:.1f} times what their errors allow, and "
+            f"those of one robot by {_APART:g} at most; are outlines and first poses right, and is it one mounting?"
+        )
+    by_step = np.array(means).T @ steps / np.square(steps).sum(axis=0)
+    inside = np.diagonal(covariance + by_step @ spread @ by_step.T)
+    sigmas = np.sqrt(max(misfit, 1.0) * np.append(inside, np.diagonal(spread) * np.square(_STEP)))
+    found = np.append(mean, _MIDDLE + move * _STEP - _SHOWS_LATE)
+    found[5] = max(found[5], 0.0)
+    after = np.column_stack([found, np.minimum(sigmas, before[:, 1])])
+    offset, scale, depth, outline, sideways, delay = map(tuple, after.tolist())
+    factor = direction.scale / (1.0 - scale[0])
+    if not LEAST_PITCH < unit.shown / sensor.shown / factor < MOST_PITCH:
+        raise FileError(f"directions change by {factor:.2g} of what the pushes do: are the outlines in the right unit?")
+    learnt = replace(
+        calibration,
+        direction=DirectionCorrection(direction.offset + factor * offset[0], factor, offset[1], factor * scale[1]),
+        set_up=SetUp(sideways, delay, depth, outline),
+        is_view_known=calibration.is_view_known or cost < mirrored - LEFT_OR_RIGHT,
+    )
+    return PushFit(learnt, before, after, each, misfit)
+
+
+def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0) -> tuple[float, Array, Array]:
+    """Return the cost of a push, and mean (4,) and covariance (4, 4) of the shared variables after it.
+
+    `outside` are the sensor's place [m] and the delay [s]. Raises EstimationError where a graph has no solution.
+    """
+    recording = push.recording
+    poses = se2.compose(recording.sensor_pose, (0.0, -outside[0], 0.0))
+    poses = se2.interpolated(recording.time - outside[1], recording.time, poses)
+    model, priors = contact_model(recording.shape, recording.sensor), noise.priors
+    factors, (first, sigma) = make_factors(noise, model), first_pose_of(recording, noise)
+    joint = np.diag(np.square([*sigma, *priors.deviation]))
+    belief, cost = Belief(first[None], priors.mean[None], joint[None]), 0.0
+    last = belief
+    assert recording.contact is not None
+    for begin, end in flag_runs(recording.contact):
+        belief, window = belief.inflated(np.diag(np.square(noise.first_pose.rest))), None
+        for index in range(begin, end + 1):
+            measured = push.measurements[index]
+            times = recording.time[max(index - LAG + 1, begin) : index + 1].tolist()
+            step = Step(poses[index], measured, len(measured), times)
+            if window is None:
+                window = Window(factors, model, belief, step, 2**62, priors, np.array([sign]))
+            else:
+                window.add(step)
+        assert window is not None
+        cost += float(costs_of_contact(window.costs())[0] + window.cost_of_belief()[0])
+        last, belief = window.belief(), window.belief().at_next_contact(priors)
+    return cost, last.values[0, _COLUMNS], last.covariance[0, 3:, 3:][np.ix_(_COLUMNS, _COLUMNS)]
+
+
+def _joined(fits: Sequence[tuple[float, Array, Array]], prior: Array) -> _Joint:
+    """Return the joint fit of all pushes, each with the same prior (4, 2), which counts once."""
+    known, (costs, means, covariances) = np.diag(prior[:, 1] ** -2.0), zip(*fits, strict=True)
+    informations = np.linalg.inv(covariances)
+    again = len(fits) - 1.0  # times that the prior counts too often
+    covariance = np.linalg.inv(informations.sum(axis=0) - again * known)
+    mean = covariance @ (np.einsum("nij,nj->i", informations, means) - again * known @ prior[:, 0])
+    chi_square = float(np.einsum("ni,nij,nj->", mean - means, informations, mean - means))
+    cost = sum(costs) + 0.5 * (chi_square - again * float(np.square((mean - prior[:, 0]) / prior[:, 1]).sum()))
+    deviations = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    return cost, mean, covariance, np.stack([means, deviations], axis=-1), chi_square
