@@ -70,7 +70,7 @@ _MIDDLE, _STEP = _SHOWS_LATE, np.array([1e-3, 0.05])  # [m], [s] of the fits
 _Joint = tuple[float, Array, Array, Array, float]
 """Cost, mean (4,) and covariance (4, 4) of the shared variables, means and deviations by each push alone (N, 4, 2), and
 the chi-square of these about the mean."""
-_APART = 6.0  # misfit from which pushes are not of one robot
+_APART = 3.0  # misfit from which pushes are not of one robot
 
 
 def read_touch(
@@ -144,7 +144,8 @@ class PushFit:
 def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushFit:
     """Return the calibration that the pushes were read with, with what they show of the robot besides.
 
-    Raises FileError if pushes are fewer than FEWEST, of several sensors or robots, or leave a graph without solution.
+    Pushes whose graphs have no solution are left out, with a warning. Raises FileError if fewer than FEWEST are left,
+    or if they are of several sensors or robots.
     """
     if len(pushes) < FEWEST:
         raise FileError(f"found {len(pushes)} pushes; at least {FEWEST} are needed")
@@ -186,6 +187,10 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         names = ", ".join(str(pushes[index].recording.file) for index in sorted(unsolved))
         logger.warning("left out, since the graph of a contact has no solution: %s", names)
         return learn_from_pushes([push for index, push in enumerate(pushes) if index not in unsolved], calibration)
+    if (np.abs(move) == 1.5).any():
+        logger.warning(
+            "sensor or images are off by more than 1.5 mm or 75 ms: correct sensor_T_gel or time_offset first"
+        )
     mirrored = math.inf
     with suppress(EstimationError):
         mirrored = sum(_fitted(push, _MIDDLE, noise, sign=-1.0)[0] for push in pushes)
