@@ -70,7 +70,7 @@ _MIDDLE, _STEP = _SHOWS_LATE, np.array([1e-3, 0.05])  # [m], [s] of the fits
 _Joint = tuple[float, Array, Array, Array, float]
 """Cost, mean (4,) and covariance (4, 4) of the shared variables, means and deviations by each push alone (N, 4, 2), and
 the chi-square of these about the mean."""
-_APART = 3.0  # misfit from which pushes are not of one robot
+_APART = 4.0  # misfit from which pushes are not of one robot
 
 
 def read_touch(
