@@ -1,6 +1,7 @@
 """Wear of the gel has the stated size, and is not taken for touch."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
 
 
 def test_recordings_of_a_unit_are_of_one_robot():
-    robot = [simulate_recording(DISC, "disc", seed, 3.0, images=False, unit=4) for seed in (1, 2)]
+    robot: Any = [simulate_recording(DISC, "disc", seed, 3.0, images=False, unit=4) for seed in (1, 2)]
     other = simulate_recording(DISC, "disc", 1, 3.0, images=False, unit=5)
     one, two, three = (
         np.median(se2.between(each.extra["sensor_pose_clean"], each.sensor_pose), axis=0) for each in (*robot, other)
