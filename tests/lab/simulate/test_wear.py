@@ -82,12 +82,12 @@ def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
 
 def test_recordings_of_a_unit_are_of_one_robot():
     robot: Any = [simulate_recording(DISC, "disc", seed, 3.0, images=False, unit=4) for seed in (1, 2)]
-    other = simulate_recording(DISC, "disc", 1, 3.0, images=False, unit=5)
+    other = simulate_recording(DISC, "disc", 1, 3.0, images=False, unit=3)
     one, two, three = (
         np.median(se2.between(each.extra["sensor_pose_clean"], each.sensor_pose), axis=0) for each in (*robot, other)
     )
-    np.testing.assert_allclose(one, two, atol=1e-4)
-    assert np.abs(one - three).max() > 1e-3
+    np.testing.assert_allclose(one, two, atol=1e-3)
+    assert np.abs(one - three).max() > 1e-2
     assert robot[0].shape.extent == pytest.approx(robot[1].shape.extent, rel=1e-6)
     placed = [se2.between(each.object_pose[0], each.first_pose) for each in robot]
     assert np.hypot(*(placed[0] - placed[1])[:2]) > 5e-4
