@@ -96,7 +96,7 @@ def _linearise(steps: Array, rows: Array, terms: Array, kind: int, settings: Any
         if kind <= CONTACT:
             of_step(kind, before, last, rows[b], settings[0], out[b, 0])
         for t in range(len(terms)):
-            of_term(last, rows[b], terms[t], settings[0], out[b, t])
+            of_term(last, rows[b], terms[t], settings[0], surface.corners, out[b, t])
 
 
 def rows_of(

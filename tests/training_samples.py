@@ -11,7 +11,7 @@ from recording_samples import encoded
 
 from palpate import DIGIT, Disc, Recording, Rectangle, Shape, write_recording
 
-SENSOR = dataclasses.replace(DIGIT, name="small", image_height=64, image_width=128, pixel_pitch=1.4241275e-4)
+SENSOR = dataclasses.replace(DIGIT, name="small", image_height=64, image_width=128, pixel_pitch=1.4375e-4)
 """Of this pixel pitch, directions are what a model reads."""
 RECTANGLE, DISC = Rectangle(0.10, 0.06), Disc(0.04)
 UNTOUCHED, TOUCHED = 10, 64  # frames before a contact of `pushes`, and in it

@@ -28,6 +28,7 @@ from .touch.touch_model import TouchModel as TouchModel
 from .tracker import Tracker as Tracker
 from .types.estimate import Estimate as Estimate
 from .types.estimate import Trajectory as Trajectory
+from .types.measurements import ContactCorner as ContactCorner
 from .types.measurements import ContactDirection as ContactDirection
 from .types.measurements import ContactPlace as ContactPlace
 from .types.measurements import Frame as Frame

@@ -23,7 +23,7 @@ Normal = tuple[float, float]
 Kernel = float | None
 """Scale of a Cauchy kernel [standard deviations]; None is a plain square."""
 
-Tactile = Literal["none", "oracle", "learnt", "learnt-turn", "learnt-direction"]
+Tactile = Literal["none", "oracle", "learnt"]
 """Source of the touch measurements: none, the true turn of the sensor from ground truth (oracle), or contact direction
 and turn from the touch model (learnt), or one of the two alone."""
 TactileChoice = Literal["auto", Tactile]
@@ -200,6 +200,7 @@ class NoiseSettings:
     place: TouchSettings = TouchSettings()
     turn: TouchSettings = TouchSettings(share=88.0)
     """On round objects turns are some percent off for a whole contact, and these errors add up."""
+    corner: TouchSettings = TouchSettings()
     sticking: StickingSettings = StickingSettings()
     balance: BalanceSettings = BalanceSettings()
     friction_cone: FrictionConeSettings = FrictionConeSettings()

@@ -18,6 +18,7 @@ from palpate.touch.cells import is_dark, is_grey
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import GREY
 from palpate.types.measurements import (
+    ContactCorner,
     ContactDirection,
     ContactPlace,
     Frame,
@@ -205,7 +206,7 @@ def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Mea
         kind = type(one).__name__
         if not isinstance(one, Measurement):
             raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's, as ObjectPose")
-        if tips > 1 and isinstance(one, ContactDirection | ContactPlace | Turn):
+        if tips > 1 and isinstance(one, ContactDirection | ContactPlace | Turn | ContactCorner):
             raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
         try:
             if isinstance(one, OwnMeasurement):

@@ -29,6 +29,7 @@ from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.types.estimate import Estimate
 from palpate.types.measurements import (
+    ContactCorner,
     ContactDirection,
     ContactPlace,
     Frame,
@@ -240,7 +241,13 @@ def warm_up() -> None:
     if not is_cached(gauss_newton.improve):
         logger.warning("compiling the estimator: once for this version, some 20 s")
     bank = HypothesisBank(contact_model(Disc(0.05), POINT), TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
-    touch = [ContactDirection(0.0, 1e-4), ContactPlace(0.0, 1.0), Turn(0.0, 1e-4), ObjectPose(np.zeros(3), np.eye(3))]
+    touch = [
+        ContactDirection(0.0, 1e-4),
+        ContactPlace(0.0, 1.0),
+        Turn(0.0, 1e-4),
+        ContactCorner(0.0, 1e-4),
+        ObjectPose(np.zeros(3), np.eye(3)),
+    ]
     for step in range(LAG + 3):
         bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), touch, step / 30.0)
     bank.report(2.0)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,12 @@ from push_samples import (
     values_at,
 )
 
-from palpate import ContactDirection, Measurement, ObjectPose, OwnMeasurement, Turn
+from palpate import ContactCorner, ContactDirection, Measurement, ObjectPose, OwnMeasurement, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import (
+    CORNER_BIAS,
     DEPTH,
     DIRECTION_BIAS,
     DIRECTION_SCALE,
@@ -224,6 +226,21 @@ def test_turn(where, error):
     at = values_at(DISC, g[:, None], shared={TURN_OFFSET: offset})
     rows = check("turn", at, [Turn(float(angle), 1.0) for angle in se2.wrap(g[:, 2] - offset - error)])
     np.testing.assert_allclose(np.diagonal(rows.residual[..., 0]), error, atol=1e-12)
+
+
+@pytest.mark.parametrize("where", ["anywhere", "near pi"])
+def test_corner(where):
+    rng = np.random.default_rng(9)
+    model = model_with("rectangle", RADIUS)
+    model = replace(model, corners=model_of("rectangle").corners)
+    g, bias = near_corner(model, angles(rng, where), rng), rng.uniform(-0.1, 0.1, STATES)
+    psi = se2.wrap(contact_directions(g, model) + g[:, 2] - math.radians(225.0))
+    told = [ContactCorner(float(angle), 1.0, 0.7) for angle in psi - bias - 0.2]  # a right angle: no slope
+    at = values_at(model, g[:, None], shared={CORNER_BIAS: bias})
+    rows = check("corner", at, told, atol=5e-5)
+    np.testing.assert_allclose(np.diagonal(rows.residual[..., 0]), 0.2, atol=1e-9)
+    at.rows["sign"] = -1.0  # measurements that are not from images do not turn
+    np.testing.assert_allclose(rows_of("corner", at, told).residual, rows.residual)
 
 
 def test_a_disturbed_step_slides_along_the_outline():

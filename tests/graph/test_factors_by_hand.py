@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from push_samples import RADIUS, SHAPES, Shared, model_of, pushing_angles, pushing_residuals, rows_of, sensor, values_at
 
-from palpate import ContactDirection, Disc, Rectangle
+from palpate import ContactDirection, Disc, Polygon, Rectangle
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.graph.contact_geometry import ContactModel, contact_model
 from palpate.graph.variables import (
+    CORNER_BIAS,
     DEPTH,
     DIRECTION_BIAS,
     DIRECTION_SCALE,
@@ -122,6 +123,29 @@ def test_contact_with_an_object_that_is_larger_than_its_outline_by_hand():
     # It grows about its centroid, wherever the outline's frame is: 0.19 m from it this is 0.1 m.
     aside = model_with(DistanceField.of(Rectangle(0.2, 0.2), margin=0.08), 0j, 0.0, 0.05, 0.09 + 0j)
     assert contact(np.array([-0.1, 0.02, 0.0]), 0.0, aside, 0.02)[0] == pytest.approx(-0.02 * 0.19, abs=1e-9)
+
+
+def test_corner_by_hand():
+    # The upper left corner (-0.05, 0.05) of a square has its bisector at -45 degrees. Seen from a centre that lies
+    # straight to the left of it the normal is at 0, 45 degrees off: its cone's edge. From 135 degrees it is 0 off.
+    model, r = contact_model(Rectangle(0.1, 0.1), sensor()), RADIUS
+    for bearing, wanted in ((math.radians(135.0), 0.0), (math.radians(160.0), math.radians(25.0))):
+        center = np.array([-0.05, 0.05]) + r * np.array([math.cos(bearing), math.sin(bearing)])
+        at = values_at(model, [[[center[0] + r, center[1], 0.0]]], shared={CORNER_BIAS: 0.02})
+        rows = rows_of("corner", at, [said.ContactCorner(0.1, 1.0)])
+        assert rows.residual.item() == pytest.approx(wanted - 0.1 - 0.02, abs=2e-3)  # of the spline
+    # On the left side it is 45 degrees, wherever and however it is touched, and nothing moves it.
+    at = values_at(model, [[[-0.05, 0.01, 0.2]]])
+    rows = rows_of("corner", at, [said.ContactCorner(0.0, 1.0)])
+    assert rows.residual.item() == pytest.approx(math.radians(45.0), abs=1e-6)
+    assert not rows.jacobian[0, 0, 0, :12].any() and rows.jacobian[0, 0, 0, column(CORNER_BIAS)] == -1.0
+    # A hexagon's cone has half of 30 degrees: a slope of 1 takes 15 degrees off what a right angle would have.
+    hexagon = Polygon([(0.05 * math.cos(a), 0.05 * math.sin(a)) for a in np.radians(np.arange(0, 360, 60))])
+    at = values_at(contact_model(hexagon, sensor()), [[[-0.05, 0.0, 0.0]]])
+    rows = rows_of("corner", at, [said.ContactCorner(0.0, 1.0, 1.0)])
+    assert rows.residual.item() == pytest.approx(math.radians(15.0), abs=2e-3)
+    # A disc has no corners.
+    assert not rows_of("corner", values_at(ANY, [[[-0.088, 0.0, 0.0]]]), [said.ContactCorner(0.0, 1.0)]).weight.any()
 
 
 def test_direction_by_hand():

@@ -227,8 +227,8 @@ def test_a_pose_is_uncertain_beyond_the_tolerance_at_two_standard_deviations(far
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"tolerance": (0.01, 0.0)}, "tolerance is .* two numbers above 0"),
-        ({"tolerance": 0.01}, "tolerance is 0.01; allowed are two numbers above 0"),
+        ({"tolerance": (0.01, 0.0)}, "tolerance is .* an angle .rad. above 0, up to pi"),
+        ({"tolerance": 0.01}, "tolerance is 0.01; allowed are a length above 0"),
         ({"disturbance_rate": -1.0}, "disturbance_rate is -1.0; allowed are a rate above 0"),
         ({"disturbance_rate": 1e3}, "disturbance_rate is 1000.0; allowed are a rate above 0"),
     ],

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from palpate.types.space import Plane
 
 # The library's choices, repeated here so that --help need not import it.
-Tactile = Literal["none", "oracle", "learnt", "learnt-turn", "learnt-direction"]
+Tactile = Literal["none", "oracle", "learnt"]
 TactileChoice = Literal["auto", Tactile]
 SmootherName = Literal["fixed-lag", "batch"]
 ShapeUnit = Literal["m", "cm", "mm", "in"]
@@ -106,9 +106,8 @@ class Touch(SensorUnit):
     tactile: Annotated[
         TactileChoice,
         arg(
-            help="Measurements of touch: none (contact only), learnt (read from images by a model; learnt-turn and "
-            "learnt-direction use one of its outputs alone) or oracle (from ground truth); auto is learnt where there "
-            "are images that the model can read, else none."
+            help="Measurements of touch: none (contact only), learnt (read from images by a model) or oracle (from "
+            "ground truth); auto is learnt where there are images that the model can read, else none."
         ),
     ] = "auto"
 

@@ -342,3 +342,11 @@ SHAPES: dict[str, Shape] = {
     "rounded-square": _rounded_square(0.17, 0.03),
 }
 """Objects by name; all but the paper's are kept for testing."""
+
+
+def sharp_corners(corners: Array) -> NDArray[np.intp]:
+    """Return the indices of the corners that stick out and at which the outline turns by more than 30 degrees."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    angles = np.arctan2(edges[:, 1], edges[:, 0])
+    turn = (angles - np.roll(angles, 1) + np.pi) % (2.0 * np.pi) - np.pi
+    return np.flatnonzero(turn > np.radians(30.0))

@@ -10,6 +10,7 @@ where s is the indentation of the gel. Point and normal are means weighted by th
 of pressure of an elastic foundation (K. L. Johnson, "Contact Mechanics", 1985, sec. 4.3).
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from palpate.compiled import Array, Complex, Records, compiled, kernel
 from palpate.geometry.distance_field import DistanceField
-from palpate.geometry.shapes import Shape
+from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.graph.se2_kernels import position, rotation
 from palpate.types.sensor import SensorProfile
 
@@ -29,6 +30,8 @@ _FIELD_MARGIN = 0.04  # [m] around the outline that the distance grid covers
 _WALK = 1e-3  # [m] step length along an outline
 _SOFT = 2e-4  # [m] indentation s over which parts share the load
 
+RIGHT_ANGLE = 0.25 * math.pi
+"""Half the angle between the normals of the sides of a right-angled corner [rad]."""
 CONTACT_GEOMETRY = np.dtype(
     [("gap", "f8"), ("gap_by_g", "3f8")]
     + [(name + by, size) for name in ("point", "material", "normal") for by, size in (("", "c16"), ("_by_g", "3c16"))],
@@ -55,6 +58,8 @@ class Surface(NamedTuple):
     """Signed distance to the object's outline [m], object frame."""
     each: Records
     """Room for the CONTACT_GEOMETRY (n,) of each part."""
+    corners: Array
+    """`ContactModel.corners`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +78,9 @@ class ContactModel:
     """Nominal centre of friction, the outline's centroid [m], object frame."""
     span: float = 0.0
     """Distance between the outermost tips of the sensor [m]; 0 for one tip."""
+    corners: Array = dataclasses.field(default_factory=lambda: np.empty((0, 4)))
+    """Corners that stick out (K, 4): x, y [m], direction of the inward bisector, and half the angle between the normals
+    of the sides [rad], object frame."""
 
     @cached_property
     def center(self) -> complex:
@@ -82,7 +90,8 @@ class ContactModel:
     @cached_property
     def surface(self) -> Surface:
         """The same for compiled code."""
-        return Surface(self.parts, float(self.radius), self.field, np.empty(len(self.parts), CONTACT_GEOMETRY))
+        each = np.empty(len(self.parts), CONTACT_GEOMETRY)
+        return Surface(self.parts, float(self.radius), self.field, each, self.corners)
 
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""
@@ -107,7 +116,18 @@ def contact_model(shape: Shape, sensor: SensorProfile) -> ContactModel:
     c = shape.friction_radius()
     tips = sensor.centers
     span = float(np.linalg.norm(tips[:, None] - tips, axis=-1).max())
-    return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span)
+    return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span, _corners(shape))
+
+
+def _corners(shape: Shape) -> Array:
+    if isinstance(shape, Disc | Ellipse):
+        return np.empty((0, 4))
+    x, y = shape.corners.T
+    along = np.roll(x + 1j * y, -1) - (x + 1j * y)
+    before = np.roll(along, 1)
+    half = 0.5 * np.angle(along / before)
+    found = np.column_stack([x, y, np.angle(1j * before) + half, half])
+    return found[sharp_corners(shape.corners)]
 
 
 @compiled

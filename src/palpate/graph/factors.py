@@ -27,19 +27,30 @@ from palpate.graph.variables import (
     STEP_SIZE,
     WIDTH,
 )
-from palpate.types.measurements import ContactDirection, ContactPlace, Measurement, ObjectPose, OwnMeasurement, Turn
+from palpate.types.measurements import (
+    ContactCorner,
+    ContactDirection,
+    ContactPlace,
+    Measurement,
+    ObjectPose,
+    OwnMeasurement,
+    Turn,
+)
 
 logger = logging.getLogger(__name__)
 _SLACK = 0.02  # [s] tolerance on a measurement's time
 _NO_POSE = 12 * (0.0,)  # pose and root of a term that has none
 
-_PUSHING, _OTHERS = "sticking balance friction_cone", "first_pose sensor_pose contact direction place turn object_pose"
+_PUSHING, _OTHERS = (
+    "sticking balance friction_cone",
+    "first_pose sensor_pose contact direction place turn corner object_pose",
+)
 NAMES = (*_PUSHING.split(), *_OTHERS.split(), "own")
 """Names of the factors. Those of pushing come first: they hold only while nothing but the sensor moves the object.
 Every step but the first has those of pushing, every step those of sensor pose and contact, and the first step of a
 contact that of the first pose; the others are of measurements that arrive."""
-STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, PLACE, TURN, OBJECT_POSE, OWN = range(
-    len(NAMES)
+STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, PLACE, TURN, CORNER, OBJECT_POSE, OWN = (
+    range(len(NAMES))
 )
 SHORT, LONG = 5, 30
 """Steps over which errors are judged."""
@@ -53,7 +64,7 @@ def _record(formats: dict[str, Any]) -> np.dtype:
 
 
 TERM = _record(
-    dict.fromkeys(("step", "kind", "value", "variance", "from_touch", "arrived"), "f8")
+    dict.fromkeys(("step", "kind", "value", "variance", "from_touch", "arrived", "slope"), "f8")
     | {"pose": "3f8", "root": "(3,3)f8"}
 )
 """The term of a measurement: a row (TERM_SIZE,) of numbers.
@@ -63,6 +74,7 @@ TERM = _record(
 - value, variance: measured angle [rad] or place [m].
 - from_touch: 1 if the value was read from touch images, which may be mirrored.
 - arrived: the step with which it arrived, which is later if it is late.
+- slope: that of a corner; see `measurements.ContactCorner`.
 - pose, root: measured pose of the object, and the whitening matrix of its covariance.
 """
 TERM_SIZE = TERM.itemsize // 8
@@ -195,14 +207,16 @@ def terms_of(step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasure
     for index, one in enumerate(step.measurements):
         is_touch = index < step.from_touch
         if isinstance(one, ContactDirection):
-            found.append((number, DIRECTION, one.angle, one.variance, is_touch, number, *_NO_POSE))
+            found.append((number, DIRECTION, one.angle, one.variance, is_touch, number, 0.0, *_NO_POSE))
         elif isinstance(one, ContactPlace):
-            found.append((number, PLACE, one.place, one.variance, is_touch, number, *_NO_POSE))
+            found.append((number, PLACE, one.place, one.variance, is_touch, number, 0.0, *_NO_POSE))
         elif isinstance(one, Turn):
-            found.append((number, TURN, one.angle, one.variance, is_touch, number, *_NO_POSE))
+            found.append((number, TURN, one.angle, one.variance, is_touch, number, 0.0, *_NO_POSE))
+        elif isinstance(one, ContactCorner):
+            found.append((number, CORNER, one.angle, one.variance, is_touch, number, one.slope, *_NO_POSE))
         elif isinstance(one, ObjectPose):
             root, its = np.linalg.inv(np.linalg.cholesky(one.covariance)), number + step_of(one, step.times)
-            found.append((its, OBJECT_POSE, 0.0, 0.0, False, number, *one.pose.tolist(), *root.ravel().tolist()))
+            found.append((its, OBJECT_POSE, 0.0, 0.0, False, number, 0.0, *one.pose.tolist(), *root.ravel().tolist()))
         elif isinstance(one, OwnMeasurement):
             own.append((number + step_of(one, step.times), one))
     found.sort(key=lambda term: term[:2])

@@ -40,15 +40,18 @@ def of_step(kind: int, before: Records, now: Records, row: Records, settings: Re
 
 
 @kernel
-def of_term(now: Records, row: Records, term: Records, settings: Records, out: Records) -> int:
+def of_term(now: Records, row: Records, term: Records, settings: Records, corners: Array, out: Records) -> int:
     """Write the linearised rows of the term of a measurement and return their number."""
-    value = row.sign * term.value if term.from_touch == 1.0 else term.value
+    sign = row.sign if term.from_touch == 1.0 else 1.0
+    value = sign * term.value
     if term.kind == factors.DIRECTION:
         return measured.direction(now, row, term, value, settings, out)
     if term.kind == factors.PLACE:
         return measured.place(now, row, term, value, settings, out)
     if term.kind == factors.TURN:
         return measured.turn(now, row, term, value, settings, out)
+    if term.kind == factors.CORNER:
+        return measured.corner(now, row, term, sign, settings, corners, out)
     return measured.object_pose(now, term, out)
 
 
@@ -82,7 +85,9 @@ def improve(
                 row, its = rows[b], steps[b]
                 for k in range(len(its)):
                     _put_touch(its[k], surface)
-                is_found = _eliminate_steps(its, left, row, terms, own[0], own[1][b], settings[0], drift, work[0])
+                is_found = _eliminate_steps(
+                    its, left, row, terms, own[0], own[1][b], settings[0], surface.corners, drift, work[0]
+                )
                 if not (is_found and _move(its, row, work[0].change)):
                     row.is_lost, row.change = True, 0.0
         if not _drop_converged(rows, is_alone, changing):
@@ -93,7 +98,8 @@ def improve(
             _put_touch(its[len(its) - 1], surface)
             _conclude(its, row, settings[0], is_new, work[0])
             _put_recent(its, left, row)
-            _put_innovations(its, left, row, terms, (own[0], own[1][b]), settings[0], work[0].linear)
+            its_own_rows = own[0], own[1][b]
+            _put_innovations(its, left, row, terms, its_own_rows, settings[0], surface.corners, work[0].linear)
 
 
 @kernel
@@ -124,6 +130,7 @@ def _eliminate_steps(
     own_steps: Integers,
     own: Array,
     settings: Records,
+    corners: Array,
     drift: Array,
     work: Records,
 ) -> bool:
@@ -147,7 +154,7 @@ def _eliminate_steps(
                 count = of_step(kind, before, now, row, settings, out)
                 _add(kind, count, out, now, system, gradient)
         while t < len(terms) and terms[t].step == left + k:
-            _add(int(terms[t].kind), of_term(now, row, terms[t], settings, out), out, now, system, gradient)
+            _add(int(terms[t].kind), of_term(now, row, terms[t], settings, corners, out), out, now, system, gradient)
             t += 1
         for m in range(len(own)):
             if own_steps[m] == left + k:
@@ -310,7 +317,14 @@ def _put_recent(steps: Records, left: int, row: Records) -> None:
 
 @kernel
 def _put_innovations(
-    its: Records, left: int, row: Records, terms: Records, own: tuple[Integers, Array], settings: Records, out: Records
+    its: Records,
+    left: int,
+    row: Records,
+    terms: Records,
+    own: tuple[Integers, Array],
+    settings: Records,
+    corners: Array,
+    out: Records,
 ) -> None:
     """Write the innovations of the last step's sensor pose, contact and own measurements, and of terms that arrived."""
     last = len(its) - 1
@@ -320,7 +334,7 @@ def _put_innovations(
     for t in range(len(terms)):
         if terms[t].arrived == left + last:
             k = int(terms[t].step) - left
-            count = of_term(its[k], row, terms[t], settings, out)
+            count = of_term(its[k], row, terms[t], settings, corners, out)
             _put_innovation(int(terms[t].kind), k, count, terms[t].variance, its, row, out)
     for m in range(len(own[1])):
         if own[0][m] == left + last:

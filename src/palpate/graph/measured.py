@@ -6,9 +6,11 @@ A kernel writes the linearised rows of a factor and returns their number; see `f
 import math
 
 from palpate.compiled import Array, Records, kernel
+from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.graph.se2_kernels import adjoint, between, cauchy, log, log_by_pose, position, rotation, wrap
 from palpate.graph.variables import (
     CONTACT_SIZE,
+    CORNER_BIAS,
     DEPTH,
     DIRECTION_BIAS,
     DIRECTION_SCALE,
@@ -22,7 +24,7 @@ from palpate.graph.variables import (
 
 _G, _E, _SHARED = STEP_SIZE, STEP_SIZE + 3, 2 * STEP_SIZE  # columns
 _BIAS, _SCALE, _PLACE = column(DIRECTION_BIAS), column(DIRECTION_SCALE), column(PLACE_BIAS)
-_DEPTH, _SIZE, _OFFSET = column(DEPTH), column(OUTLINE_SCALE), column(TURN_OFFSET)
+_DEPTH, _SIZE, _OFFSET, _CORNER = column(DEPTH), column(OUTLINE_SCALE), column(TURN_OFFSET), column(CORNER_BIAS)
 _NO_GRADIENT = 1e-12  # squared length of a gradient without direction
 
 
@@ -121,6 +123,36 @@ def turn(now: Records, row: Records, term: Records, angle: float, settings: Reco
     out.jacobian[0, _G + 2], out.jacobian[0, _OFFSET] = 1.0, -1.0
     error = wrap(now.g[2] - row.shared[_OFFSET - _SHARED] - angle)
     return put_row(out, error, _inverse_variance(term, settings.turn), settings.turn.kernel)
+
+
+@kernel
+def corner(
+    now: Records, row: Records, term: Records, sign: float, settings: Records, corners: Array, out: Records
+) -> int:
+    """Corner: touch measures the angle of the contact's inward normal -n off the bisector of the corner touched.
+
+    The corner is the one nearest to the contact, and h is half the angle between the normals of its sides. The residual
+    [rad] is `psi - angle - slope (h - 45 deg) - bias`, with psi the angle of -n off the bisector, in [-h, h]. At a
+    corner psi follows the sensor's position; on its sides it is constant, so that a measured angle inside the cone
+    speaks against them. Outlines without corners have no residual.
+    """
+    touch, nearest, least = now.touch, -1, math.inf
+    for i in range(len(corners)):
+        away = abs(touch.point - complex(corners[i, 0], corners[i, 1]))
+        if away < least:
+            nearest, least = i, away
+    if nearest < 0:
+        return 0
+    off, most = -touch.normal * rotation(-corners[nearest, 2]), corners[nearest, 3]
+    psi = math.atan2(off.imag, off.real)
+    if abs(psi) < most:
+        square = max(touch.normal.real**2 + touch.normal.imag**2, _NO_GRADIENT)
+        for c in range(3):
+            out.jacobian[0, _G + c] = (touch.normal.conjugate() * touch.normal_by_g[c]).imag / square
+    out.jacobian[0, _CORNER] = -1.0
+    angle = sign * (term.value + term.slope * (most - RIGHT_ANGLE))
+    error = min(max(psi, -most), most) - angle - row.shared[_CORNER - _SHARED]
+    return put_row(out, error, _inverse_variance(term, settings.corner), settings.corner.kernel)
 
 
 @kernel

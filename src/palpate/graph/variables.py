@@ -39,6 +39,8 @@ SENSOR = Variable("sensor", "step", 3)
 """Sensor pose in the world, e [m, m, rad]."""
 TURN_OFFSET = Variable("turn_offset", "contact", 1, prior=(0.0, 10.0))
 """Sensor yaw in the object frame minus the measured turn [rad]. The wide prior keeps it determined without any turn."""
+CORNER_BIAS = Variable("corner_bias", "contact", 1, prior=(0.0, 0.16))
+"""Common error of the angles of a contact's corner [rad]."""
 DIRECTION_BIAS = Variable("direction_bias", "object", 1)
 """Common error of all contact directions [rad]."""
 DIRECTION_SCALE = Variable("direction_scale", "object", 1)

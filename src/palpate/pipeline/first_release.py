@@ -25,7 +25,7 @@ def release_after_start(
     recording: Recording, first_pose: Array, first_pose_sigma: Array, tactile: str
 ) -> Calibration | None:
     """Return the untouched gel of a recording that begins in contact, as its first pose (3,) allows; else None."""
-    if recording.image is None or not tactile.startswith(("auto", "learnt")):
+    if recording.image is None or tactile not in ("auto", "learnt"):
         return None
     count = min(first_frames(recording.sensor.rate), len(recording))
     gap = recording.sensor.gaps(recording.sensor_pose[:count], np.tile(first_pose, (count, 1)), recording.shape)

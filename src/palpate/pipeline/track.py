@@ -80,7 +80,7 @@ def track(
     tactile, has_images = settings.tactile, recording.image is not None
     for is_lacking, words in (
         (not has_images and recording.contact is None, "neither images nor contact flags, and tracking needs one"),
-        (not has_images and tactile.startswith("learnt"), f"no images, which tactile {tactile} needs"),
+        (not has_images and tactile == "learnt", f"no images, which tactile {tactile} needs"),
         (tactile == "oracle" and np.isnan(truth).all(), "no ground truth, which tactile oracle measures from"),
     ):
         if is_lacking:
@@ -123,7 +123,7 @@ def track(
         summary["ended"] = f"{place}: {type(failure).__name__}: {one_line(failure)}"
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    is_learnt = settings.tactile.startswith("learnt")
+    is_learnt = settings.tactile == "learnt"
     model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
     known = calibration, first, sigma
     run = Run(recording, settings, model, *known, online, answers, step_ms, truth, summary)

@@ -1,6 +1,5 @@
 """Touch measurements: an image of a contact in, measurements out."""
 
-import math
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
@@ -13,12 +12,18 @@ from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import Image, is_grey
-from palpate.touch.touch_model import COLUMNS, ROWS, TouchModel, difference_in_light, reduced, shipped_model
-from palpate.types.measurements import ContactDirection, ContactPlace, Frame, Measurement, Turn
+from palpate.touch.touch_model import (
+    COLUMNS,
+    CORNER_LOGIT,
+    ROWS,
+    TouchModel,
+    difference_in_light,
+    reduced,
+    shipped_model,
+)
+from palpate.types.measurements import ContactCorner, ContactDirection, ContactPlace, Frame, Measurement, Turn
 from palpate.types.sensor import SensorProfile
 
-MEASURE_DIRECTION = ("learnt", "learnt-direction")
-MEASURE_TURN = ("learnt", "learnt-turn")
 GREY = "images are grey, and the touch model reads colours"
 
 
@@ -63,13 +68,13 @@ class TouchReader:
         self._on_gel = angle_factor(self._model, calibrated(sensor, calibration))
         self._factors = {name: spread.factor for name, spread in self._model.settings.spread.items()}
         self._misfit = _misfit(sensor, self._model)
-        if own is None and (tactile.startswith("learnt") or (tactile == "auto" and not self._misfit)):
+        if own is None and (tactile == "learnt" or (tactile == "auto" and not self._misfit)):
             self._check_model()
 
     @property
     def reads_images(self) -> bool:
         """True if a touch model reads the images."""
-        return self.tactile.startswith("learnt") and self._own is None
+        return self.tactile == "learnt" and self._own is None
 
     def choose(self, image: Image | None, background: Background | None) -> None:
         """Choose the source if that is open, by the untouched gel: the first images may be grey or white.
@@ -105,15 +110,18 @@ class TouchReader:
         offset, factors = self._correction.offset / self._on_gel, self._factors
         scale = self._correction.scale / self._on_gel
         found: list[Measurement] = []
-        if self.tactile in MEASURE_DIRECTION:
-            angle, variance = reading["direction"]
-            found.append(ContactDirection((angle - offset) / scale, variance * factors["direction"] / scale**2))
-            if "place" in reading:
-                place, variance = reading["place"]
-                found.append(ContactPlace(place, variance * factors["place"]))
-        if self.tactile in MEASURE_TURN and "turn" in reading:
-            angle, variance = reading["turn"]
+        angle, variance, *_ = reading["direction"]
+        found.append(ContactDirection((angle - offset) / scale, variance * factors["direction"] / scale**2))
+        if "place" in reading:
+            place, variance, *_ = reading["place"]
+            found.append(ContactPlace(place, variance * factors["place"]))
+        if "turn" in reading:
+            angle, variance, *_ = reading["turn"]
             found.append(Turn(angle / scale, variance * factors["turn"] / scale**2))
+        if "corner" in reading:
+            angle, variance, slope, log_odds = reading["corner"]
+            if log_odds > CORNER_LOGIT:
+                found.append(ContactCorner(angle, variance * factors["corner"], slope))
         return found
 
     def end_contact(self) -> None:
@@ -124,10 +132,7 @@ class TouchReader:
 
     def _check_model(self) -> None:
         """Raise SettingError if the model does not fit, and open its network now and not in a robot's loop."""
-        wrong = self._misfit
-        if "turn" not in self._factors and self.tactile not in ("auto", *MEASURE_DIRECTION):
-            wrong = wrong or f"{self._model.folder} was trained on presses, which show directions alone"
-        if wrong:
+        if wrong := self._misfit:
             raise SettingError(f"tactile is {self.tactile}; {wrong}")
         blank = np.zeros((ROWS, COLUMNS, 3), np.uint8)
         self._model.read(difference_in_light(blank, reduced(blank)))
@@ -140,10 +145,7 @@ def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
     """
     if sensor.flat_width or (model is not None and "turn" not in model.settings.spread):
         return 1.0
-    # The imprint of a straight side is some 10 mm wide. A narrow image cuts it off at its border, so that its middle
-    # moves less than the contact; the second term, fitted on 96 simulated pushes, makes up for it. The imprint of a
-    # ball is not cut off, so that its angle comes out up to 15 % too large.
-    return sensor.shown + 0.06 * math.log1p(math.exp((0.83 - sensor.shown) / 0.09))
+    return sensor.shown
 
 
 def _misfit(sensor: SensorProfile, model: TouchModel) -> str:

@@ -45,7 +45,7 @@ FEWEST = 5  # presses that show a line and its scatter
 SPREAD = np.radians(8.0)  # [rad] between least and greatest angle that a model needs, or presses in order
 WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
 _OFFSET, _SCALE = np.radians(2.0), 0.1  # standard deviations of offset [rad] and scale before any press
-_OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball, if the image shows all of both
+_OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball
 LEFT_OR_RIGHT = 3.0
 """Log likelihood of one over the other that makes it known."""
 _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
@@ -109,13 +109,8 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     # Rendered edges are found 2 % too near to each other, and balls 2 to 5 %, as their inner flanks show more.
     pitch, sigma = length / float(1.03 * shift), math.hypot(_RULER[0], _RULER[1] / length)
     found = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
-    direction = DirectionCorrection(scale_sigma=math.hypot(_of_objects(calibrated(sensor, found)), sigma))
+    direction = DirectionCorrection(scale_sigma=math.hypot(_OTHER_OBJECTS, sigma))
     return replace(found, direction=direction)
-
-
-def _of_objects(unit: SensorProfile) -> float:
-    """Return the standard deviation of the scale of objects about that of a ball, with what the border cuts off."""
-    return math.hypot(_OTHER_OBJECTS, angle_factor(None, unit) / unit.shown - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +274,7 @@ def _fit(
     if is_measured:
         inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
         sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * inflation
-        scale_sigma = math.hypot(sigmas[1], _of_objects(unit))
+        scale_sigma = math.hypot(sigmas[1], _OTHER_OBJECTS)
         correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), scale_sigma)
         if presses.are_relative:
             correction = DirectionCorrection(scale=float(scale), scale_sigma=scale_sigma)

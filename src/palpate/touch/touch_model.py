@@ -1,8 +1,8 @@
 """Touch model: a folder with an ONNX network and a JSON of settings; opening one runs no code.
 
 The network `touch.onnx` takes a difference from the untouched gel (1, 3, 32, 128) and gives direction (1, 2) and turn
-(1, 2), each mean [rad] and log variance. That of a flat gel gives place (1, 2) [cm] as well, one trained on presses the
-direction alone.
+(1, 2), each mean [rad] and log variance, and corner (1, 4), these two, slope and log odds. That of a flat gel gives
+place (1, 2) [cm] in place of the corner, one trained on presses the direction alone.
 """
 
 import hashlib
@@ -24,9 +24,10 @@ from palpate.touch.cells import area_means, change_in_light
 from palpate.types.sensor import known_sensor
 
 Difference = NDArray[np.float32]
-Reading = dict[str, tuple[float, float]]
+Reading = dict[str, tuple[float, ...]]
 """Mean and variance of each output of a model for one image: direction, the angle of the contact on the tip [rad],
-[rad^2]; turn, the yaw of the sensor up to an offset of the contact [rad]; place along y of a flat pad [m]."""
+[rad^2]; turn, the yaw of the sensor up to an offset of the contact [rad]; place along y of a flat pad [m]; corner, see
+`measurements.ContactCorner`, with its slope, and the log odds of a corner."""
 
 FORMAT, VERSION, NETWORK = "palpate-touch-model", 3, "touch.onnx"
 ROWS, COLUMNS = 32, 128
@@ -35,8 +36,12 @@ to the shading beside a corner's line of a millimetre: so columns are finer."""
 _LIGHT_COLUMNS = 32  # enough to find the light
 LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
 
-OUTPUTS = (("direction", "turn"), ("direction", "turn", "place"), ("direction",))
+OUTPUTS = (("direction", "turn", "corner"), ("direction", "turn", "place"), ("direction",))
 """Outputs of a model of a round tip, of a flat gel, and of one trained on presses."""
+SIZES = {"corner": 4}
+"""Numbers of an output that has more than mean and log variance."""
+CORNER_LOGIT = 2.0
+"""Log odds of a corner from which its angle is a measurement."""
 _DATA = Path(__file__).resolve().parents[1] / "data"
 SHIPPED = _DATA / "digit"
 SHIPPED_OF = {"DIGIT": SHIPPED, "GelSight Mini": _DATA / "gelsight_mini"}
@@ -136,13 +141,16 @@ class TouchModel:
                 if given != set(outputs):
                     raise ValueError(f"gives {sorted(given)}, expected {sorted(outputs)}")
             values = self._session.run(outputs, {"difference": batch})
-            pairs = [(mean, log_variance) for ((mean, log_variance),) in map(np.ndarray.tolist, values)]
+            numbers = [row for (row,) in map(np.ndarray.tolist, values)]
+            if any(len(row) != SIZES.get(name, 2) for name, row in zip(outputs, numbers, strict=True)):
+                raise ValueError(f"gives {[len(row) for row in numbers]} numbers")
         except Exception as error:  # a damaged network raises many kinds
             raise FileError(f"{self.folder / NETWORK}: is no network that can be run ({one_line(error)})") from error
         found: Reading = {}
-        for name, (mean, log_variance) in zip(outputs, pairs, strict=True):
+        for name, (mean, log_variance, *more) in zip(outputs, numbers, strict=True):
             unit = 1e-2 if name == "place" else 1.0  # [m] of what the network has in cm
-            found[name] = unit * mean, unit**2 * float(np.exp(min(log_variance, 700.0)))  # a foreign one may give any
+            variance = float(np.exp(min(log_variance, 700.0)))  # a foreign one may give any
+            found[name] = unit * mean, unit**2 * variance, *more
         return found
 
 

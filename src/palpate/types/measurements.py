@@ -26,7 +26,7 @@ class _OneNumber(Measurement):
     """Base of measurements of one number with its variance; arrays of one number are taken."""
 
     def __post_init__(self) -> None:
-        (name, given), (_, given_variance) = vars(self).items()
+        (name, given), (_, given_variance), *_ = vars(self).items()
         value, variance = finite_number(given), finite_number(given_variance)
         found = f"{type(self).__name__} has {name} {given!r} and variance {given_variance!r}"
         if value is None or variance is None or not variance > 0.0:
@@ -69,6 +69,28 @@ class Turn(_OneNumber):
     """That yaw less the offset [rad]."""
     variance: float
     """[rad^2]"""
+
+
+@dataclass(frozen=True)
+class ContactCorner(_OneNumber):
+    """Angle of the contact's inward normal off the inward bisector of the corner that is touched.
+
+    It says where in the corner's cone of normals the contact is: with the contact direction, the yaw at a corner.
+    """
+
+    angle: float
+    """Angle at a right-angled corner [rad], counter-clockwise; all angles of one contact may have a common error."""
+    variance: float
+    """[rad^2], without that error"""
+    slope: float = 0.0
+    """Change of the angle with half the angle between the normals of the corner's sides: a side that is touched beside
+    a corner has 1 or -1."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (slope := finite_number(self.slope)) is None:
+            raise EstimationError(f"ContactCorner has slope {self.slope!r}; it must be finite")
+        object.__setattr__(self, "slope", slope)
 
 
 @dataclass(frozen=True)

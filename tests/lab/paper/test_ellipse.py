@@ -5,10 +5,11 @@ import math
 import cv2
 import numpy as np
 import pytest
+from ball import ball_overlap
 
 from palpate import DIGIT, Background
 from palpate.lab.paper.images import ellipse_features, patch_outline
-from palpate.lab.simulate.gel import ball_overlap, touch_image
+from palpate.lab.simulate.gel import touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 
 

@@ -2,7 +2,7 @@ import numpy as np
 
 from palpate import Disc
 from palpate.geometry.se2 import interpolated
-from palpate.lab.simulate.paths import sharp_corners
+from palpate.geometry.shapes import sharp_corners
 
 
 def test_sharp_corners_stick_out():

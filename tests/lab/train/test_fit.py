@@ -25,17 +25,17 @@ def test_gaussian_nll_equals_scipy():
 
 
 @pytest.mark.parametrize("frames", [2, 3, 8])
-def test_offset_nll_is_the_density_of_differences(frames):
-    # Differences of frames do not depend on an offset with a flat prior: their density is the integral over it.
-    error, log_variance = drawn(5, frames), 2.0 * drawn(5, frames, seed=1)
-    differencing: Any = np.diff(np.eye(frames), axis=0)
-    densities = [
-        multivariate_normal(cov=differencing @ np.diag(s) @ differencing.T).logpdf(differencing @ e)
-        for e, s in zip(error.numpy(), np.exp(log_variance.numpy()), strict=True)
-    ]
-    found = float(offset_nll(error, log_variance))
-    assert found == pytest.approx(-np.mean(densities) / (frames - 1))
-    assert float(offset_nll(error + drawn(5, 1, seed=2), log_variance)) == pytest.approx(found)
+def test_offset_nll_is_the_density_of_frames_with_a_common_offset(frames):
+    error, log_variance, among = drawn(5, frames), 2.0 * drawn(5, frames, seed=1), torch.ones(5, frames)
+    among[2, 0] = 0.0
+    wanted = 0.0
+    for e, s, counts in zip(error.numpy(), np.exp(log_variance.numpy()), among.numpy() > 0.0, strict=True):
+        covariance: Any = np.diag(s[counts]) + 0.3**2
+        wanted -= multivariate_normal(cov=covariance).logpdf(e[counts])
+    assert float(offset_nll(error, log_variance, 0.3, among)) == pytest.approx(wanted / float(among.sum()))
+    # With a wide prior an offset changes nothing.
+    found = offset_nll(error, log_variance, 1e4)
+    assert float(offset_nll(error + drawn(5, 1, seed=2), log_variance, 1e4)) == pytest.approx(float(found), abs=1e-6)
 
 
 def test_keypoint_is_the_centre_of_activation():

@@ -52,6 +52,15 @@ def test_labels_on_a_corner(angle):
     found = touched([*(center + RADIUS * np.array([np.cos(theta), np.sin(theta)])), theta], RECTANGLE)
     np.testing.assert_array_equal(found.kind, KINDS.index("corner"))
     np.testing.assert_allclose(found.direction, -angle - theta, atol=0.02)  # back to it, to the right and down
+    np.testing.assert_allclose(found.corner, np.pi / 4 - angle, atol=0.02)  # off the bisector, -45 degrees
+    np.testing.assert_allclose(found.cone, np.pi / 4, atol=1e-12)
+
+
+def test_the_angle_at_a_corner_is_left_out_beside_it():
+    # The corner is at 30 mm: 0.1, 0.5 and 5 mm from it along the side.
+    found = [touched(on_left_side(y, 0.0), RECTANGLE).corner for y in (0.0299, 0.0295, 0.025)]
+    np.testing.assert_allclose(found[0], np.pi / 4, atol=0.02)
+    assert np.isinf(found[1]).all() and np.isnan(found[2]).all()
 
 
 @pytest.mark.parametrize(("angle", "tilt"), [(0.1, 0.0), (2.0, 0.3), (-3.0, -0.2)])
@@ -216,6 +225,14 @@ def test_directions_are_those_that_a_recording_says_its_images_show():
     for wrong in (np.full(30, np.nan), np.ones((30, 2)), shown + 180.0):
         with pytest.raises(FileError, match=r"extra/shown_angle must be an angle \[rad\] in each frame of a contact"):
             samples_of(dataclasses.replace(given, extra={SHOWN: wrong}))
+
+
+def test_turns_are_as_large_as_images_show_directions():
+    theta = np.linspace(-0.1, 0.1, 30)
+    given = recording(on_left_side(np.zeros(30), theta), np.arange(30) >= 10)
+    shown = np.arcsin(1.2 * np.sin(-theta))
+    found = samples_of(dataclasses.replace(given, extra={SHOWN: shown}))
+    np.testing.assert_allclose(found.yaw, 1.2 * theta[12:28], atol=2e-3)
 
 
 def test_without_untouched_frames_the_gel_is_that_of_the_calibration():

@@ -118,8 +118,8 @@ def test_few_recordings_leave_none_to_judge_by():
 def test_parameters_are_those_that_matter_with_the_touch():
     learnt = set(parameters_of(TrackerSettings("learnt")))
     assert {"direction.share", "turn.share", "sticking.share", "priors.grip"} <= learnt
-    direction = set(parameters_of(TrackerSettings("learnt-direction")))
-    assert "direction.share" in direction and "turn.share" not in direction
+    oracle = set(parameters_of(TrackerSettings("oracle")))
+    assert "turn.share" in oracle and "direction.share" not in oracle
     assert "friction_cone.share" not in parameters_of(TrackerSettings("learnt", noise=TRUE))  # it is off
 
 

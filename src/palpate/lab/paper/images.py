@@ -68,7 +68,7 @@ def read_images(recording: Recording) -> Images:
     background, _ = gel_at_rest(recording, image)
     mean = reduced(background.mean)
     relative = se2.between(recording.object_pose, recording.sensor_pose)[frame]
-    _, _, kind = geometry_of(recording, relative)
+    kind = geometry_of(recording, relative)[2]
     images = [image(index) for index in frame.tolist()]
     return Images(
         np.array([difference(each, mean) for each in images], np.float16).reshape(-1, *mean.shape),

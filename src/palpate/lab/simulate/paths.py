@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import SettingError
 from palpate.geometry import se2
-from palpate.geometry.shapes import Disc, Ellipse, Shape
+from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.types.sensor import SensorProfile
 
 Array = NDArray[np.float64]
@@ -36,14 +36,6 @@ def kinds(shape: Shape) -> tuple[str, ...]:
         return (name,)
     corners = ("near-corners", "corners") if len(sharp_corners(shape.corners)) else ()
     return tuple(f"{name}-{place}" for place in ("edges", *corners))
-
-
-def sharp_corners(corners: Array) -> NDArray[np.intp]:
-    """Return the indices of the corners that stick out and at which the outline turns by more than 30 degrees."""
-    edges = np.roll(corners, -1, axis=0) - corners
-    angles = np.arctan2(edges[:, 1], edges[:, 0])
-    turn = (angles - np.roll(angles, 1) + np.pi) % (2.0 * np.pi) - np.pi
-    return np.flatnonzero(turn > np.radians(30.0))
 
 
 def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Generator) -> Touch:

@@ -27,8 +27,6 @@ COLOURS = {
     "none": "#000000",
     "learnt": "#0072B2",
     "oracle": "#009E73",
-    "learnt-turn": "#E69F00",
-    "learnt-direction": "#CC79A7",
 }
 OVER_TIME: dict[str, Callable[[Trial], Array]] = {
     "error [mm]": lambda trial: np.maximum(1e3 * translation_errors(trial.pose, trial.truth), 0.1),

@@ -102,18 +102,18 @@ def gaussian_nll(error: Tensor, log_variance: Tensor) -> Tensor:
     return 0.5 * (error**2 * torch.exp(-log_variance) + log_variance + math.log(2.0 * math.pi)).mean()
 
 
-def offset_nll(error: Tensor, log_variance: Tensor) -> Tensor:
+def offset_nll(error: Tensor, log_variance: Tensor, offset: float, among: Tensor | None = None) -> Tensor:
     """Negative log-likelihood per frame of errors (G, F) [rad] that share an unknown offset in each group.
 
-    Gaussians with the offset integrated out under a flat prior: the variance of a `measurements.Turn`.
+    Gaussians with the offset, whose standard deviation is `offset` [rad], integrated out: the variance of a
+    `measurements.Turn` or `measurements.ContactCorner`. `among` (G, F) are the frames that count.
     """
-    weight = torch.exp(-log_variance)
-    total = weight.sum(dim=1)
-    offset = (weight * error).sum(dim=1) / total
-    square = (weight * (error - offset[:, None]) ** 2).sum(dim=1)
-    frames = error.shape[1]
-    joint = square + log_variance.sum(dim=1) + torch.log(total) + (frames - 1) * math.log(2.0 * math.pi)
-    return 0.5 * joint.mean() / (frames - 1)
+    among = torch.ones_like(error) if among is None else among
+    weight, prior = torch.exp(-log_variance) * among, offset**-2.0
+    total = weight.sum(dim=1) + prior
+    square = (weight * error**2).sum(dim=1) - (weight * error).sum(dim=1) ** 2 / total
+    joint = square + (log_variance * among).sum(dim=1) + torch.log(total / prior)
+    return 0.5 * (joint.sum() / among.sum().clamp(min=1) + math.log(2.0 * math.pi))
 
 
 def _weights(network: nn.Module) -> dict[str, Tensor]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from palpate.errors import EstimationError
-from palpate.touch.touch_model import COLUMNS, ROWS, session
+from palpate.touch.touch_model import COLUMNS, ROWS, SIZES, session
 
 MAP = (ROWS // 4, COLUMNS // 4)
 """Rows and columns of the feature map."""
@@ -55,7 +55,7 @@ class _Block(nn.Module):
 
 
 class TouchNetwork(nn.Module):
-    """An image to the outputs of a touch model, each mean and log variance (B, 2); see `touch.touch_model`."""
+    """An image to the outputs of a touch model, each (B, 2), of a corner (B, 4); see `touch.touch_model`."""
 
     def __init__(self, outputs: Sequence[str]) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class TouchNetwork(nn.Module):
         self.body = nn.Sequential(nn.Linear(inputs, 2 * _HIDDEN), nn.ReLU(), nn.Linear(2 * _HIDDEN, _HIDDEN), nn.ReLU())
         self.outputs = tuple(outputs)
         for name in self.outputs:
-            self.add_module(name, nn.Linear(_HIDDEN + 2 * _POINTS, 2))
+            self.add_module(name, nn.Linear(_HIDDEN + 2 * _POINTS, SIZES.get(name, 2)))
 
     def forward(self, difference: Tensor) -> tuple[Tensor, ...]:
         """Return the outputs in their order."""
@@ -108,9 +108,9 @@ def keypoint(activation: Tensor) -> Tensor:
 
 
 def gaussian(output: Tensor) -> Tensor:
-    """Return mean and log variance (B, 2), the log of the standard deviation [rad] kept between -6 and 1."""
+    """Return outputs (B, 2 or more) whose second, a log variance, keeps that of the deviation [rad] from -6 to 1."""
     middle, half = -5.0, 7.0  # of the log variance
-    return torch.cat([output[:, :1], middle + half * torch.tanh(output[:, 1:] / half)], dim=1)
+    return torch.cat([output[:, :1], middle + half * torch.tanh(output[:, 1:2] / half), output[:, 2:]], dim=1)
 
 
 def cell_centres(count: int) -> Tensor:

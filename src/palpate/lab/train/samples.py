@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
-from palpate.geometry.shapes import Disc, Ellipse, Shape
+from palpate.geometry.shapes import Disc, Ellipse
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
-from palpate.lab.simulate.paths import sharp_corners
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, misfit, turned_as
@@ -34,7 +33,8 @@ CUT, SHORTEST = 2, 5
 """Frames left out at both ends of a contact, where it is half made, and the fewest left that are worth it."""
 UNTOUCHED = 30
 """Most untouched frames that a background is taken from."""
-_AT_CORNER, _NEAR_CORNER = 0.001, 0.008  # [m] from a corner; a patch is about 5 mm to either side of its middle
+_ON_CORNER, _AT_CORNER, _NEAR_CORNER = 3e-4, 0.001, 0.008  # [m] from it; a patch is 5 mm to either side of its middle
+_SPREAD = 0.02  # [rad] of directions, over which a line through what images show is known
 
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
 """Kinds of contact."""
@@ -58,6 +58,11 @@ class Samples:
     """Where along y the pad is touched, (N,) [m]; see `measurements.ContactPlace`."""
     kind: Indices
     """Kind of contact, (N,), place in KINDS."""
+    corner: Array
+    """Angle of the contact's normal off the bisector of the corner that is touched, (N,) [rad]; NaN off corners, and
+    infinite near one, where an image may show it."""
+    cone: Array
+    """Half the angle between the normals of that corner's sides, (N,) [rad]."""
 
     def __len__(self) -> int:
         return len(self.yaw)
@@ -128,18 +133,20 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     g = se2.between(recording.object_pose, recording.sensor_pose)
     episode, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
     images = [_without(is_marked, image(index)) for index in frame.tolist()]
-    direction, place, kind = geometry_of(recording, g[frame])
+    direction, place, kind, corner, cone = geometry_of(recording, g[frame])
     yaw = g[frame, 2]
     if calibration or SHOWN not in recording.extra:
         correction = calibration.direction if calibration else UNCORRECTED
         factor = angle_factor(None, calibrated(recording.sensor, calibration))
         direction = (correction.offset + correction.scale * direction) / factor
-        for each in np.unique(episode):  # each without a leap at half a turn
-            yaw[episode == each] = correction.scale / factor * np.unwrap(yaw[episode == each])
+        yaw = correction.scale / factor * _unwrapped(yaw, episode)
     else:
-        direction = np.asarray(recording.extra[SHOWN][frame], dtype=np.float64)
-        if direction.ndim != 1 or not (np.abs(direction) <= np.pi).all():
+        shown = np.asarray(recording.extra[SHOWN][frame], dtype=np.float64)
+        if shown.ndim != 1 or not (np.abs(shown) <= np.pi).all():
             raise FileError(f"{name}: extra/{SHOWN} must be an angle [rad] in each frame of a contact, or not there")
+        if np.ptp(direction) > _SPREAD:  # images show turns as much larger or smaller as they show directions
+            yaw = float(np.polyfit(np.sin(direction), np.sin(shown), 1)[0]) * _unwrapped(yaw, episode)
+        direction = shown
     return Samples(
         np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
         np.full(len(frame), number),
@@ -148,6 +155,8 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         direction,
         place,
         kind,
+        corner,
+        cone,
     )
 
 
@@ -225,27 +234,36 @@ def contact_frames(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
     return np.repeat(np.arange(len(spans)), [len(span) for span in spans]), np.concatenate(spans)
 
 
-def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices]:
-    """Return angle of the contact on the tip, its place along y and its kind, (N,) each, from the outline.
+def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices, Array, Array]:
+    """Return from the outline, (N,) each: angle of the contact on the tip, its place along y, its kind, and the last
+    two fields of `Samples`.
 
     g is object_T_sensor, (N, 3).
     """
-    touch = contact_model(recording.shape, recording.sensor).touching(g[None])[0]
-    touched = touch["point"] - touch["gap"] * touch["normal"]
-    kinds = _kinds(recording.shape, np.stack([np.real(touched), np.imag(touched)], axis=1))
-    return se2.wrap(np.angle(-touch["normal"]) - g[:, 2]), np.imag(touch["material"]), kinds
-
-
-def _kinds(shape: Shape, touched: Array) -> Indices:
+    model, shape, count = contact_model(recording.shape, recording.sensor), recording.shape, len(g)
+    touch = model.touching(g[None])[0]
+    normal = np.angle(-touch["normal"])
+    kind, corner, cone = np.full(count, KINDS.index("edge")), np.full(count, np.nan), np.zeros(count)
     if isinstance(shape, Disc | Ellipse):
-        return np.full(len(touched), KINDS.index("disc" if isinstance(shape, Disc) else "ellipse"))
-    corners = shape.corners
-    sharp = sharp_corners(corners)
-    if not len(sharp):
-        return np.full(len(touched), KINDS.index("edge"))
-    away = np.linalg.norm(touched[:, None] - corners[sharp], axis=2).min(axis=1)
-    names = [KINDS.index(name) for name in ("corner", "near-corner", "edge")]
-    return np.select([away < _AT_CORNER, away < _NEAR_CORNER], names[:2], names[2])
+        kind[:] = KINDS.index("disc" if isinstance(shape, Disc) else "ellipse")
+    elif len(model.corners):
+        away = np.abs(
+            (touch["point"] - touch["gap"] * touch["normal"])[:, None] - model.corners @ [1.0, 1.0j, 0.0, 0.0]
+        )
+        _, _, bisector, cone = model.corners[away.argmin(axis=1)].T
+        away = away.min(axis=1)
+        kind[away < _NEAR_CORNER], kind[away < _AT_CORNER] = KINDS.index("near-corner"), KINDS.index("corner")
+        corner[away < _AT_CORNER] = np.inf
+        corner = np.where(away < _ON_CORNER, se2.wrap(normal - bisector), corner)
+    return se2.wrap(normal - g[:, 2]), np.imag(touch["material"]), kind, corner, cone
+
+
+def _unwrapped(yaw: Array, episode: Indices) -> Array:
+    """Return yaws (N,) [rad] without leaps at half a turn within a contact."""
+    found = yaw.copy()
+    for each in np.unique(episode):
+        found[episode == each] = np.unwrap(yaw[episode == each])
+    return found
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

@@ -9,22 +9,26 @@ import torch
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
+from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.lab.train.augment import batch
 from palpate.lab.train.networks import TouchNetwork
 from palpate.lab.train.samples import Samples
-from palpate.touch.touch_model import Spread
+from palpate.touch.touch_model import CORNER_LOGIT, Spread
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
-Errors = Mapping[str, tuple[Array, Array]]
-"""Errors (N,) and predicted variances (N,) of each output, in radians or metres."""
+Errors = Mapping[str, tuple[Array, Array, Indices]]
+"""Errors (N,), predicted variances (N,) and contacts (N,) of each output, in radians or metres."""
 
 COVERAGE = {0.68: 0.9945, 0.95: 1.9600}
 """Shares of a Gaussian, and the standard deviations about its mean that hold them."""
 
 
 def errors_of(network: TouchNetwork, samples: Samples) -> Errors:
-    """Return the errors of a network on samples; those of turns without the offset of their contact."""
+    """Return the errors of a network on samples; those of turns and corners without the offset of their contact.
+
+    Those of corners are of the corners that it finds.
+    """
     network.eval()
     with torch.no_grad():
         parts = [
@@ -32,23 +36,31 @@ def errors_of(network: TouchNetwork, samples: Samples) -> Errors:
             for begin in range(0, len(samples), 256)
         ]
     outputs = [torch.cat(each).numpy().astype(np.float64) for each in zip(*parts, strict=True)]
-    found: dict[str, tuple[Array, Array]] = {}
+    found: dict[str, tuple[Array, Array, Indices]] = {}
     for name, output in zip(network.outputs, outputs, strict=True):
-        mean, variance = output[:, 0], np.exp(output[:, 1])
+        mean, variance, contact = output[:, 0], np.exp(output[:, 1]), samples.episode
         if name == "direction":
-            found[name] = se2.wrap(mean - samples.direction), variance
+            found[name] = se2.wrap(mean - samples.direction), variance, contact
         elif name == "place":  # of centimetres
-            found[name] = 1e-2 * mean - samples.place, 1e-4 * variance
+            found[name] = 1e-2 * mean - samples.place, 1e-4 * variance, contact
+        elif name == "turn":
+            found[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
         else:
-            found[name] = turn_errors(mean, variance, samples), variance
+            mean = mean + output[:, 2] * (samples.cone - RIGHT_ANGLE)
+            at = np.isfinite(samples.corner) & (output[:, 3] > CORNER_LOGIT)
+            found[name] = (
+                without_offsets((mean - samples.corner)[at], variance[at], contact[at]),
+                variance[at],
+                contact[at],
+            )
     return found
 
 
-def turn_errors(turn: Array, variance: Array, samples: Samples) -> Array:
-    """Return the errors (N,) of turns [rad] less the weighted mean of their contact, which is an unknown offset."""
-    error, weight = turn - samples.yaw, 1.0 / variance
-    for contact in np.unique(samples.episode):
-        chosen = samples.episode == contact
+def without_offsets(error: Array, variance: Array, contact: Indices) -> Array:
+    """Return errors (N,) [rad] less the weighted mean of their contact, which is an unknown offset."""
+    error, weight = error.copy(), 1.0 / variance
+    for each in np.unique(contact):
+        chosen = contact == each
         error[chosen] = np.unwrap(error[chosen])
         error[chosen] -= np.average(error[chosen], weights=weight[chosen])
     return error
@@ -77,12 +89,12 @@ def spread_of(error: Array, variance: Array, episode: Indices, lags: int = 10) -
     return Spread(scale=float(ratios[0] * ratios[1]), together=together)
 
 
-def measure_spread(errors: Errors, episode: Indices) -> dict[str, Spread]:
+def measure_spread(errors: Errors) -> dict[str, Spread]:
     """Return the calibration of each output, from errors on held-out recordings.
 
     No variance is reduced: training images vary more than simulated ones do, and real ones vary as much.
     """
-    found = {name: spread_of(*both, episode) for name, both in errors.items()}
+    found = {name: spread_of(*each) if len(each[0]) else Spread(1.0, 1.0) for name, each in errors.items()}
     return {name: replace(spread, scale=max(spread.scale, 1.0)) for name, spread in found.items()}
 
 
@@ -95,7 +107,9 @@ def coverage(error: Array, variance: Array) -> dict[float, float]:
 def judge(errors: Errors, spread: Mapping[str, Spread]) -> dict[str, Any]:
     """Return accuracy and calibration of each output, as plain data; places in millimetres, angles in degrees."""
     found = {}
-    for name, (error, variance) in errors.items():
+    for name, (error, variance, _) in errors.items():
+        if not len(error):
+            continue
         scaled = variance * spread[name].scale
         unit, per_unit = ("mm", 1e-3) if name == "place" else ("deg", np.radians(1.0))
         found[name] = {

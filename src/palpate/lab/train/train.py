@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from palpate.errors import FileError, SettingError
 from palpate.files import whole_file
+from palpate.graph.contact_geometry import RIGHT_ANGLE
+from palpate.graph.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.lab.parallel import held_folder
 from palpate.lab.train.augment import Batch, draw_groups, varied_batch
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
@@ -45,10 +47,13 @@ class TrainSettings:
 
     seed: int = 0
     """Of weights, batches and the choice of held-out recordings."""
-    touch: FitSettings = FitSettings(steps=4000)
-    """Descent of a new model."""
-    fine: FitSettings = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
-    """Descent of an existing model, for another sensor unit."""
+    touch: tuple[FitSettings, ...] = (
+        FitSettings(steps=4000, patience=40),
+        FitSettings(steps=4000, rate=1.5e-3, patience=40),
+    )
+    """Descents of a new model, one after the other and none stopped early: corners are learnt after all else."""
+    fine: tuple[FitSettings, ...] = (FitSettings(steps=300, rate=5e-4, check=25, patience=4),)
+    """The same of an existing model, for another sensor unit."""
     presses: FitSettings = FitSettings(steps=300, check=25)
     """Descent of a model from presses."""
     steps: int | None = None
@@ -121,10 +126,12 @@ def train(
         network = TouchNetwork(outputs)
         if base is not None:
             restore(network, base.network)
-        descent = settings.descent(settings.touch if base is None else settings.fine)
-        with bar("touch", descent.steps) as progress:
-            learn(network, learned, held_out, sensor, settings, descent, work, progress)
-        spread = measure_spread(errors_of(network, held_out), held_out.episode)
+        descents = [settings.descent(each) for each in (settings.touch if base is None else settings.fine)]
+        for number, descent in enumerate(descents):
+            with bar("touch", descent.steps) as progress:
+                of_it = replace(settings, seed=settings.seed + number)
+                learn(network, learned, held_out, sensor, of_it, descent, work, progress, f"touch-{number + 1}")
+        spread = measure_spread(errors_of(network, held_out))
         errors = errors_of(network, judged)
         results = {
             "frames": len(judged),
@@ -138,7 +145,12 @@ def train(
         }
         with whole_file(work / "results.json", overwrite=True) as part:
             part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
-        training = {"seed": settings.seed, "touch": asdict(descent), "frames": len(learned), "from": str(start or "")}
+        training = {
+            "seed": settings.seed,
+            "touch": [asdict(each) for each in descents],
+            "frames": len(learned),
+            "from": str(start or ""),
+        }
         training["calibration"] = str(calibration.file or "") if calibration else ""
         model = ModelSettings(sensor.name, sensor.image_height, sensor.image_width, spread, training)
         write_model(out, model, exported(network))  # last: a folder with a model has no work left
@@ -175,7 +187,8 @@ def train_on_presses(
         seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
         # Each press is a contact of its own, of which only the direction is known.
         each, unknown = np.arange(count), np.zeros(count)
-        samples = Samples(seen, each, each, unknown, presses.angle, unknown, np.zeros(count, int))
+        kind, no_corner = np.zeros(count, int), np.full(count, np.nan)
+        samples = Samples(seen, each, each, unknown, presses.angle, unknown, kind, no_corner, unknown)
         order, apart = np.random.default_rng(settings.seed).permutation(count), round(settings.test * count)
         judged, checked, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart, 2 * apart]))
         held_out = samples.of(np.sort(order[: 2 * apart]))
@@ -184,7 +197,7 @@ def train_on_presses(
         profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
         with bar("direction", descent.steps) as progress:
             learn(network, learned, checked, profile, settings, descent, work, progress)
-        scale = measure_spread(errors_of(network, held_out), held_out.episode)["direction"].scale
+        scale = measure_spread(errors_of(network, held_out))["direction"].scale
         spread = {"direction": Spread(scale, together=19.0)}  # as of the DIGIT's model: presses cannot tell
         training = {"seed": settings.seed, "steps": descent.steps, "presses": count}
         write_model(out, ModelSettings(sensor, height, width, spread, training), exported(network))
@@ -201,6 +214,7 @@ def learn(
     descent: FitSettings,
     folder: Path,
     progress: Callable[..., None] | None = None,
+    name: str = "touch",
 ) -> None:
     """Train a network by the likelihood of the distributions that it predicts, all outputs together."""
     contacts, frames = settings.groups if "turn" in network.outputs else (2 * settings.groups[0], 1)
@@ -217,7 +231,20 @@ def learn(
             if name == "turn":
                 yaw = np.unwrap(samples.yaw[chosen], axis=1)
                 turn = output.unflatten(0, chosen.shape)
-                found[name] = offset_nll(seen.signed(yaw - yaw[:, :1]) - turn[..., 0], turn[..., 1])
+                error = seen.signed(yaw - yaw[:, :1]) - turn[..., 0]
+                found[name] = offset_nll(error, turn[..., 1], TURN_OFFSET.prior[1])
+                continue
+            if name == "corner":
+                on_corner, others = np.isfinite(samples.corner[chosen]), np.isnan(samples.corner[chosen])
+                angle, log_variance, slope, logit = output.unflatten(0, chosen.shape).unbind(-1)
+                label = seen.signed(np.where(on_corner, samples.corner[chosen], 0.0))
+                steeper = torch.from_numpy((samples.cone[chosen] - RIGHT_ANGLE).astype(np.float32))
+                error = label - angle - slope * steeper
+                found[name] = offset_nll(error, log_variance, CORNER_BIAS.prior[1], torch.from_numpy(on_corner))
+                is_known = torch.from_numpy(on_corner | others)
+                found["is_corner"] = nn.functional.binary_cross_entropy_with_logits(
+                    logit[is_known], torch.from_numpy(on_corner)[is_known].float()
+                )
                 continue
             label = seen.direction(samples.direction[chosen]) if name == "direction" else None
             label = 1e2 * seen.signed(samples.place[chosen]) if label is None else label  # [cm]
@@ -230,7 +257,7 @@ def learn(
         return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
 
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    fit("touch", network, partial(draw, learned), losses, judged, descent, settings.seed, folder, progress)
+    fit(name, network, partial(draw, learned), losses, judged, descent, settings.seed, folder, progress)
 
 
 def split(samples: Samples, share: float, rng: np.random.Generator, settings: TrainSettings) -> tuple[Samples, Samples]:

@@ -86,7 +86,7 @@ def record_touch(
     known = recording.trusted_truth
     if tactile == "auto":
         tactile = "oracle" if recording.image is None else "learnt"
-    is_learnt = tactile.startswith("learnt")
+    is_learnt = tactile == "learnt"
     if recording.object_pose is None or not known.any():
         raise SettingError(f"{name}: has no ground truth, which noise is learnt from")
     if is_learnt and recording.image is None:

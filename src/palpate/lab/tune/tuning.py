@@ -23,7 +23,6 @@ from palpate.lab.parallel import quiet, spread
 from palpate.lab.study.recordings import group_of
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.pipeline.metrics import inside_95, log_likelihood, nees, rms, rotation_errors, translation_errors
-from palpate.touch.pipeline import MEASURE_DIRECTION, MEASURE_TURN
 
 Array = NDArray[np.float64]
 WORST = -50.0
@@ -201,7 +200,7 @@ def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) 
 def parameters_of(settings: TrackerSettings) -> tuple[str, ...]:
     """Return the parameters that matter with the settings' touch and are not off."""
     modes = {"learnt", "oracle"} if settings.tactile == "auto" else {settings.tactile}
-    only_in = {"direction.share": set(MEASURE_DIRECTION), "turn.share": {*MEASURE_TURN, "oracle"}}
+    only_in = {"direction.share": {"learnt"}, "turn.share": {"learnt", "oracle"}}
     matter = [name for name in TUNABLE if modes & only_in.get(name, modes)]
     return tuple(name for name in matter if _setting(settings, name) is not None)
 
