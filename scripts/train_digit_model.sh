@@ -1,6 +1,7 @@
 #!/bin/sh
-# Trains the touch model of the DIGIT that comes with palpate anew: scripts/train_digit_model.sh FOLDER
-# An hour on two cores. Weights may differ in the last digits from one processor to another.
+# Trains a touch model of the DIGIT from nothing: scripts/train_digit_model.sh FOLDER
+# An hour on two cores. The weights that come with palpate are others: on these recordings they continue those of
+# earlier code, which had learnt key points without labels first, and are the mean after two descents.
 set -eu
 data=$1
 mkdir -p "$data"
