@@ -81,7 +81,7 @@ class ContactSettings:
 
 @dataclass(frozen=True)
 class TouchSettings:
-    """Contact direction on a round tip, contact place on a flat pad, or turn of the sensor, measured by touch."""
+    """Contact direction on a round tip, place on a flat pad, turn of the sensor, or angle at a corner, by touch."""
 
     zero_allowed = ("floor",)
     share: float = 2.0

@@ -3,7 +3,8 @@
 With its own first pose, friction and path, each push gives a Gaussian on the variables of the graph that all pushes
 share. Their product, less the prior that each one counts again, is that of all. The place of the sensor along its y and
 the delay of images are no variables: all pushes are fitted at several of both, and a quadratic through the costs gives
-them and their deviations. A place along x cannot be told from the indentation, nor a yaw from an offset of directions.
+them and their deviations. A mounting error along x acts like a deeper indentation, and one in yaw like an offset of all
+directions, so depth and offset include them.
 """
 
 import logging

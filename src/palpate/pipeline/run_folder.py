@@ -97,7 +97,8 @@ def read_run(folder: Path) -> Run:
         if not isinstance(name := settings.get("recording"), str):
             raise FileError(f"recording is {name!r}, expected the name of a file")
     recording = load_recording(folder / name)
-    if read_json(folder / SUMMARY).get("ended"):
+    written = read_json(folder / SUMMARY)
+    if written.get("ended"):
         recording = recording.until(len(online))
     if not np.array_equal(online.time, recording.time):
         raise FileError(
@@ -106,6 +107,6 @@ def read_run(folder: Path) -> Run:
         )
     truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
     summary = summarise(online, truth, step_ms := np.zeros(len(online)))
-    summary["innovations"] = read_json(folder / "summary.json").get("innovations", {})
+    summary["innovations"] = written.get("innovations", {})
     known = TrackerSettings(), None, None, first, sigma
     return Run(recording, *known, online, ((),) * len(online), step_ms, truth, summary)

@@ -89,7 +89,7 @@ class SetUp:
     """Relative size error of outlines."""
 
     def applied(self, noise: NoiseSettings) -> NoiseSettings:
-        """Return the settings with what is known of this robot in place of what is of any."""
+        """Return the settings with a calibrated robot's priors and set-up accuracy in place of the defaults."""
         priors = replace(noise.priors, depth=self.depth, outline_scale=self.outline_scale)
         # The rest of the mounting is in the depth and in the errors of directions.
         pose = replace(noise.sensor_pose, calibration=(self.sideways[1], self.sideways[1], 0.0))
