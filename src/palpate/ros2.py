@@ -16,19 +16,9 @@ from typing import Any
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
 from palpate.errors import PalpateError, SettingError, one_line
-from palpate.io.estimates import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, add_estimate
+from palpate.io import ros_messages as ros
+from palpate.io.estimates import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, estimate_messages
 from palpate.io.outlines import load_shape
-from palpate.io.ros_messages import (
-    IMAGE_TYPES,
-    POSE,
-    POSE_TYPES,
-    POSE_WITH_COVARIANCE,
-    MessageSink,
-    compressed_image,
-    poses_of,
-    raw_image,
-    stamp_of,
-)
 from palpate.live.session import LiveSession, stop_on_signals
 from palpate.live.sources import Refused, Sources, TimedPose, TouchImage, checked_pose
 from palpate.touch.calibration import load_calibration, turned_as
@@ -41,8 +31,8 @@ from palpate.types.space import GelPoses, Placement
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that the node subscribes to; users remap them."""
 TOPICS = {
-    POSES: POSE,
-    POSES_WITH_COVARIANCE: POSE_WITH_COVARIANCE,
+    POSES: ros.POSE,
+    POSES_WITH_COVARIANCE: ros.POSE_WITH_COVARIANCE,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
 """Topics that the node publishes, with their types."""
@@ -118,7 +108,7 @@ def _parameter(node: Any, name: str) -> Any:
     return node.declare_parameter(name, None, any_type).value or None
 
 
-class Topics(MessageSink):
+class Topics:
     """The topics of a session: images and sensor poses come in, estimates go out.
 
     The node's parameters say how images lie, where the gel is in the frame whose poses are published, and the normal of
@@ -133,9 +123,9 @@ class Topics(MessageSink):
         self._node, self._place, self._view = node, GelPoses(self.placement), camera_view(self.placement.orientation)
         self._clock = node.get_clock()
         self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
-        self.images = partial(self._messages, IMAGES, IMAGE_TYPES, self._image)
+        self.images = partial(self._messages, IMAGES, ros.IMAGE_TYPES, self._image)
         """The source of touch images; raises FileError if they are no colour images."""
-        self.poses = partial(self._messages, SENSOR_POSES, POSE_TYPES, self._pose)
+        self.poses = partial(self._messages, SENSOR_POSES, ros.POSE_TYPES, self._pose)
         """The source of sensor poses."""
         self._publishers: dict[str, Any] = {
             topic: node.create_publisher(message_type(type_), topic.replace("/palpate/", "~/", 1), 10)
@@ -168,18 +158,18 @@ class Topics(MessageSink):
                 yield convert(waiting.get(timeout=0.05))
 
     def _image(self, message: Any) -> TouchImage:
-        data = compressed_image(message) if hasattr(message, "format") else raw_image(message)
+        data = ros.image_in(message)
         if self._view != AS_IT_IS:
             data = self._view.of(decode_image(data) if isinstance(data, bytes) else data)
         return TouchImage(self._time_of(message), data)
 
     def _pose(self, message: Any) -> TimedPose | Refused:
-        (pose,) = poses_of(message)
+        (pose,) = ros.poses_of(message)
         return checked_pose(self._time_of(message), pose.numbers, self.now(), self._place, pose.frame)
 
     def _time_of(self, message: Any) -> float:
         """Return the time of a message's stamp [s], or that of its arrival if it has none."""
-        stamp = stamp_of(message)
+        stamp = ros.stamp_of(message)
         return (stamp - self._start) * 1e-9 if stamp else self.now()
 
     def publish(self, counts: Mapping[str, int], item: TouchImage | TimedPose | Estimate) -> None:
@@ -187,17 +177,21 @@ class Topics(MessageSink):
         if isinstance(item, Estimate) and (plane := self._place.plane):
             stamp = self._start + round(item.time * 1e9)
             words = {name.replace("_", " "): str(count) for name, count in counts.items()}
-            add_estimate(self, plane, stamp, item, words)
+            for topic, message in estimate_messages(plane, stamp, item, words).items():
+                self._publishers[topic].publish(ros_message(message))
 
-    def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
-        """Publish a message."""
-        self._publishers[topic].publish(self.make(type_, **fields))
 
-    def make(self, type_: str, **fields: Any) -> Any:
-        """Return a message, or a part of one."""
-        if type_ == "diagnostic_msgs/msg/DiagnosticStatus":
-            fields["level"] = bytes([fields["level"]])  # rclpy takes a byte
-        return message_type(type_)(**fields)
+def ros_message(message: Any) -> Any:
+    """Return a message of palpate, or a part of one, as rclpy has it."""
+    if isinstance(message, list):
+        return [ros_message(each) for each in message]
+    if (type_ := getattr(message, "__msgtype__", None)) is None:
+        return message
+    _, parts = ros.ros_types("cdr").fielddefs[type_]
+    fields = {name: ros_message(getattr(message, name)) for name, _ in parts}
+    if type_ == "diagnostic_msgs/msg/DiagnosticStatus":
+        fields["level"] = bytes([fields["level"]])  # rclpy takes a byte
+    return message_type(type_)(**fields)
 
 
 @cache

@@ -313,7 +313,7 @@ def test_poses_of_one_topic_in_several_frames_are_refused(tmp_path):
 
 def test_poses_off_the_plane_are_refused_unless_they_are_allowed(tmp_path):
     rising = lifted(lambda seconds: 0.1 + 0.05 * max(0.0, seconds - 0.5))
-    with pytest.raises(FileError, match=r"/ee_pose\) is 11\.0 mm off the plane at 17.* 10 mm; .*--off-plane"):
+    with pytest.raises(FileError, match=r"/ee_pose is 11\.0 mm off the plane at 17.* 10 mm; .*--off-plane"):
         read(tmp_path / "a", few_images(24) + rising)
     same_poses(read(tmp_path / "b", few_images(24) + rising, off_plane=0.05).sensor_pose, true_pose(image_times()))
 

@@ -28,7 +28,6 @@ ODD = {
     "csv": b"a,b\n1,2\n",
     "tum": b"0 1 2 0 0 0 0 1\n0.1 1 2 0 0 0 0 1\n",
     "gzip": b"\x1f\x8b broken",
-    "hdf5": b"\x89HDF\r\n\x1a\n",
     "eight": b"1 2 3 4 5 6 7 8\n",
     "blank": b"\n",
 }
@@ -41,6 +40,14 @@ def test_odd_files_are_in_no_format(tmp_path, name):
     assert formats.detect_format(path) is None
     with pytest.raises(FileError, match="is in no known format; known are palpate: "):
         formats.load_recording(path)
+
+
+def test_a_recording_of_an_early_version_says_how_to_make_it_anew(tmp_path, run_palpate):
+    path = tmp_path / "push.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    for command in ("info", "track"):
+        code, _, err = run_palpate(command, path)
+        assert code == 2 and "push.h5: is an HDF5 file" in err and "make it anew" in err and err.count("\n") == 1
 
 
 def test_detection_does_not_raise_on_what_is_no_file(tmp_path):

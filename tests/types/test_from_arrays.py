@@ -209,7 +209,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"pose_time": np.float32(1e6 + POSE_TIME).astype(float)}, "pose_time: 33 of 50 .*; were they rounded"),
         ({"image_time": IMAGE_TIME[::-1]}, "image_time: frame 1 is .*a time after the one before"),
         ({"image_time": []}, "image_time: found no times"),
-        ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "the sensor .poses.: .*span 126.7 m.*are these millimetres"),
+        ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "poses: .*span 126.7 m.*are these millimetres"),
         ({"poses": true_pose(POSE_TIME) * [1, 1, 57]}, "poses: found angles up to 1[78].* rad: are these degrees"),
         ({"poses": W_FIRST}, "z axis up to .* off the plane.s normal, .*is w the last"),
         ({"poses": MIRRORED}, "poses: frame 0 .* allowed is a rotation"),

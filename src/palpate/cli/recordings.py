@@ -136,7 +136,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     from palpate.types.sensor import known_sensor
 
     found, choices, profile = contents(path), BagChoices(orientation=orientation), known_sensor(sensor)
-    bag: dict[str, Any] = {"topics": [topic.about() for topic in found.topics]}
+    bag: dict[str, Any] = {"topics": [channel._asdict() | each.about() for channel, each in found.topics.items()]}
     bag["frames"] = {child: " or ".join(stream.frames) for child, stream in found.transforms.items()}
     try:
         recording = recording_of(found, Disc(0.05), choices, profile).recording

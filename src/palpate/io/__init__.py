@@ -12,7 +12,7 @@ from palpate.files import in_file
 from palpate.io.cmu_two_finger import is_cmu_log, read_cmu_log
 from palpate.io.mit_push import is_mit_push, read_mit_push
 from palpate.io.recording_mcap import is_recording, read_recording
-from palpate.io.rosbag_reader import existing_bag, is_bag, refuse_bag
+from palpate.io.rosbag_reader import begins_with, existing_bag, is_bag
 from palpate.types.recording import Recording
 
 
@@ -21,14 +21,15 @@ class Format(NamedTuple):
 
     description: str
     detect: Callable[[Path], bool]
-    read: Callable[[Path], Recording]
+    read: Callable[[Path], Recording] | None
+    """Reads a file; None where one alone is no recording."""
 
 
 FORMATS = {
     "palpate": Format("palpate recording (.mcap)", is_recording, read_recording),
     "mit-push": Format("point pushes of a square, MIT cpush (.json, .json.gz)", is_mit_push, read_mit_push),
     "cmu-two-finger": Format("two-finger pushes, CMU PlanarManipulationToolBox (.txt)", is_cmu_log, read_cmu_log),
-    "bag": Format("bag of ROS messages: MCAP, ROS 2 (.db3 or its folder), ROS 1 (.bag)", is_bag, refuse_bag),
+    "bag": Format("bag of ROS messages: MCAP, ROS 2 (.db3 or its folder), ROS 1 (.bag)", is_bag, None),
 }
 """Formats by their names; detection asks them in this order."""
 
@@ -42,8 +43,18 @@ def detect_format(path: Path | str) -> str | None:
 def load_recording(path: Path | str, orientation: str = "") -> Recording:
     """Read a recording of any known format; `orientation` says how its images lie. Raises FileError."""
     path = existing_bag(path)
-    if (name := detect_format(path)) is not None:
-        with in_file(path):
-            return FORMATS[name].read(path).oriented(orientation)
     known = "; ".join(f"{name}: {format.description}" for name, format in FORMATS.items())
-    raise FileError(f"{path}: is in no known format; known are {known}")
+    if begins_with(path, b"\x89HDF"):
+        raise FileError(
+            f"{path}: is an HDF5 file, as palpate wrote before it had MCAP: make it anew by the command that made it, "
+            "or from its arrays by palpate.Recording and palpate.write_recording"
+        )
+    if (name := detect_format(path)) is None:
+        raise FileError(f"{path}: is in no known format; known are {known}")
+    if (read := FORMATS[name].read) is None:
+        raise FileError(
+            f"{path}: is a bag of ROS messages without an outline of the object; palpate track and convert take it by "
+            "--shape, in Python palpate.read_bag"
+        )
+    with in_file(path):
+        return read(path).oriented(orientation)

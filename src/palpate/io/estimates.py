@@ -11,13 +11,14 @@ about the axes of the header's frame as ROS has it, not the object's, and a `Dia
 import csv
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from palpate.checks import checked_times
 from palpate.errors import FileError
 from palpate.files import in_file, numbers_of, read_table, whole_file
-from palpate.io.ros_messages import POSE, POSE_WITH_COVARIANCE, MessageSink, nanoseconds, new_mcap
+from palpate.io import ros_messages as ros
 from palpate.types.estimate import Estimate, Trajectory
 from palpate.types.space import Plane, spatial_covariance
 
@@ -33,32 +34,33 @@ LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 
 def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane) -> None:
     """Write estimates as messages. Raises FileError if the file exists, or times cannot be stamps."""
-    stamps, fields = nanoseconds(path, trajectory.time), vars(trajectory).values()
-    with new_mcap(path) as file:
+    stamps, fields = ros.nanoseconds(path, trajectory.time), vars(trajectory).values()
+    with ros.new_mcap(path) as file:
         for stamp, *values in zip(stamps, *fields, strict=True):
-            add_estimate(file, plane, stamp, Estimate(*values))
+            file.add(stamp, estimate_messages(plane, stamp, Estimate(*values)))
 
 
-def add_estimate(
-    sink: MessageSink, plane: Plane, stamp: int, estimate: Estimate, more: Mapping[str, str] | None = None
-) -> None:
-    """Add the messages of an estimate with its stamp [ns]; `more` is added to its diagnosis."""
-    pose, covariance, header = estimate.pose, estimate.covariance, sink.header(stamp, plane.frame)
-    placed = sink.pose(plane, pose)
-    sink.add(POSES, POSE, stamp, header=header, pose=placed)
-    spatial = spatial_covariance(plane, pose[None], covariance[None]).reshape(36)
-    both = sink.make("geometry_msgs/msg/PoseWithCovariance", pose=placed, covariance=spatial)
-    sink.add(POSES_WITH_COVARIANCE, POSE_WITH_COVARIANCE, stamp, header=header, pose=both)
+def estimate_messages(
+    plane: Plane, stamp: int, estimate: Estimate, more: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return the messages of an estimate with its stamp [ns], by topic; `more` is added to its diagnosis."""
+    pose, head = ros.pose_in_space(plane, estimate.pose), ros.header(stamp, plane.frame)
+    covariance = spatial_covariance(plane, estimate.pose, estimate.covariance).reshape(36)
+    both = ros.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
     values = {"reason": estimate.reason, "contact": str(bool(estimate.contact)).lower(), **(more or {})}
-    diagnosis = sink.make(
+    diagnosis = ros.message(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=LEVELS.get(estimate.status, 1),
         name="palpate: object pose",
         message=estimate.status,
         hardware_id="palpate",
-        values=[sink.make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
+        values=[ros.message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
-    sink.add(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", stamp, header=header, status=[diagnosis])
+    return {
+        POSES: ros.message(ros.POSE, header=head, pose=pose),
+        POSES_WITH_COVARIANCE: ros.message(ros.POSE_WITH_COVARIANCE, header=head, pose=both),
+        DIAGNOSTICS: ros.message("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[diagnosis]),
+    }
 
 
 def write_tum(data: Trajectory, path: Path) -> None:

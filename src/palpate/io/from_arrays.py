@@ -1,11 +1,10 @@
 """Times, poses and images in the forms that `Recording.from_arrays` takes them, and recordings of poses in space."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,9 +29,6 @@ from palpate.types.space import (
 )
 
 logger = logging.getLogger(__name__)
-
-Source: TypeAlias = Callable[[Times], Placed]
-"""Places a frame at times [ns]."""
 
 
 def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
@@ -107,12 +103,12 @@ def encoded_images(
     return tuple(data)
 
 
-def pose_source(name: str, poses: ArrayLike, time_name: str, time: ArrayLike) -> Source:
-    """Return the function that places poses, given with times of their own, at other times; NaN is unknown."""
+def placed_from(name: str, poses: ArrayLike, time_name: str, time: ArrayLike, wanted: Times) -> Placed:
+    """Return poses, given with times of their own, at other times [ns]; NaN is unknown."""
     known_at, numbers = nanoseconds(time_name, time), pose_numbers(name, poses)
     if len(known_at) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(known_at)} times, expected one for each")
-    return partial(placed_at, name, known_at, numbers)
+    return placed_at(name, known_at, numbers, wanted)
 
 
 def planar_recording(
@@ -120,8 +116,8 @@ def planar_recording(
     frame: str,
     time: Times,
     placement: Placement,
-    poses: tuple[str, Source],
-    truth: tuple[str, Source] | None,
+    placed: Placed,
+    truth: Placed | None,
     images: tuple[str, Any] | None,
     contact: NDArray[np.bool_] | None,
     sensor: SensorProfile,
@@ -130,12 +126,10 @@ def planar_recording(
 ) -> tuple[Recording, Plane]:
     """Return frames at times (N,) [ns] as a recording in a plane; a warning says how many without pose are left out.
 
-    The plane that fits is that of frames in contact, by its flags or as images show it. Poses of the sensor, truth
-    and images have their names in errors, `what` is that of the recording. Raises FileError.
+    The plane that fits is that of frames in contact, by its flags or as images show it. The images have their name in
+    errors, `what` is that of the recording. Raises FileError.
     """
-    time = time + round(placement.time_offset * 1e9)
-    placed, object_pose = placement.of_gel(poses[1](time)), None
-    keep = placed.known
+    placed, keep = placement.of_gel(placed), placed.known
     if not keep.any():
         raise FileError(
             f"no sensor pose is known at the time of any image, {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; are "
@@ -153,12 +147,12 @@ def planar_recording(
         plane = plane_through(what, frame, placed.position[touching if touching.any() else ...])
     else:
         plane = plane_across(frame, np.array(placement.plane, np.float64), placed.position)
-    sensor_pose = in_plane(poses[0], plane, placed, placement.off_plane, time)
+    sensor_pose = in_plane(plane, placed, placement.off_plane, time)
     upright = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
     if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > STEEPEST:
         raise FileError(
-            f"{poses[0]} has its z axis up to {roll:.0f} degrees off the plane's normal, allowed are {STEEPEST:.0f}: "
-            "is w the last of each quaternion?"
+            f"{placed.name} has its z axis up to {roll:.0f} degrees off the plane's normal, allowed are "
+            f"{STEEPEST:.0f}: is w the last of each quaternion?"
         )
     if (upright < 0.0).all():
         logger.warning(
@@ -166,14 +160,15 @@ def planar_recording(
             "frame is turned about x, or the quaternions have w first",
             what,
         )
+    object_pose = None
     if truth is not None:
-        seen, object_pose = truth[1](time), np.full((len(time), 3), np.nan)
+        seen, object_pose = truth[keep], np.full((len(time), 3), np.nan)
         height, good = seen.position @ plane.axes[:, 2], seen.known
         if good.any():
             good = good & (np.abs(height - np.median(height[good])) <= placement.off_plane)
         if off := np.count_nonzero(seen.known & ~good):
-            logger.warning("%s: %d true poses are off the plane of the others and taken as unknown", truth[0], off)
-        object_pose[good] = in_plane(truth[0], plane, seen[good], placement.off_plane, time[good])
+            logger.warning("%s: %d true poses are off the plane of the others and taken as unknown", seen.name, off)
+        object_pose[good] = in_plane(plane, seen[good], placement.off_plane, time[good])
     recording = Recording(
         time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, contact=contact, image=image, **fields
     )

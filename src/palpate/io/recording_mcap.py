@@ -19,7 +19,7 @@ import numpy as np
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
-from palpate.io.ros_messages import BOOL, COMPRESSED_IMAGE, MessageWriter, decoded, nanoseconds, new_mcap
+from palpate.io import ros_messages as ros
 from palpate.io.rosbag_reader import CutShort, front_matter, is_mcap, mcap_messages
 from palpate.io.rosbag_recording import BagChoices, read_bag
 from palpate.types.recording import Recording
@@ -39,7 +39,9 @@ def is_recording(path: Path) -> bool:
     return is_mcap(path) and METADATA in front_matter(path)[0]
 
 
-def describe(file: MessageWriter, shape: Shape, sensor: SensorProfile, more: Mapping[str, str] | None = None) -> None:
+def describe(
+    file: ros.MessageWriter, shape: Shape, sensor: SensorProfile, more: Mapping[str, str] | None = None
+) -> None:
     """Add the metadata that make an MCAP of sensor messages a recording; they come before the first message."""
     about = {"version": VERSION, "shape": json.dumps(shape_to_dict(shape))}
     file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(asdict(sensor)), **(more or {})})
@@ -50,7 +52,7 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     if not isinstance(recording, Recording):
         found = type(recording).__name__
         raise SettingError(f"found a {found} to write, expected a Recording; that of read_bag is its .recording")
-    stamps = nanoseconds(path, recording.time)
+    stamps = ros.nanoseconds(path, recording.time)
     plane, truth = flat(), recording.object_pose
     stated = () if recording.first_pose_derived else ("first_pose", "first_pose_sigma")
     poses = {name: getattr(recording, name) for name in (*stated, "set_up_sigma")}
@@ -60,7 +62,7 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     }
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
-    with new_mcap(path, overwrite) as file:
+    with ros.new_mcap(path, overwrite) as file:
         describe(file, recording.shape, recording.sensor, about)
         for name, array in arrays.items():
             if array is not None:
@@ -68,14 +70,15 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
                 np.save(data, array, allow_pickle=False)
                 file.writer.add_attachment(0, 0, f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
         for index, stamp in enumerate(stamps):
+            messages: dict[str, Any] = {}
             if recording.image is not None:
-                file.add_image(IMAGES, stamp, recording.image[index])
+                messages[IMAGES] = ros.stamped_image(stamp, recording.image[index])
             if recording.contact is not None:
-                file.add(CONTACT, BOOL, stamp, data=bool(recording.contact[index]))
+                messages[CONTACT] = ros.message(ros.BOOL, data=bool(recording.contact[index]))
             if truth is not None and not np.isnan(truth[index, 0]):
-                file.add_pose(OBJECT_POSES, stamp, plane, truth[index])
+                messages[OBJECT_POSES] = ros.stamped_pose(stamp, plane, truth[index])
             # Last of all: a frame whose sensor pose is there is whole.
-            file.add_pose(SENSOR_POSES, stamp, plane, recording.sensor_pose[index])
+            file.add(stamp, messages | {SENSOR_POSES: ros.stamped_pose(stamp, plane, recording.sensor_pose[index])})
 
 
 def read_recording(path: Path | str) -> Recording:
@@ -134,8 +137,8 @@ def _frames(path: Path, expected: int) -> tuple[list[bytes], int]:
     images, count = list[bytes](), 0
     try:
         for raw in mcap_messages(path):
-            if raw.channel[:2] == (IMAGES, COMPRESSED_IMAGE):
-                images.append(decoded(raw).data.tobytes())
+            if raw.channel[:2] == (IMAGES, ros.COMPRESSED_IMAGE):
+                images.append(ros.decoded(raw).data.tobytes())
             count += raw.channel.topic == SENSOR_POSES
     except CutShort as error:
         if not count:

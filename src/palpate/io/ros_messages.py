@@ -1,7 +1,6 @@
 """ROS messages as plain numbers and bytes: the types that palpate reads, and writes into MCAP. ROS is not needed."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.files import new_file, whole_file
-from palpate.types.images import codec_of, encode_image
+from palpate.types.images import codec_of
 from palpate.types.space import Plane, out_of_plane
 
 Array = NDArray[np.float64]
@@ -84,40 +83,7 @@ class Pose(NamedTuple):
     """Position x, y, z [m] and quaternion x, y, z, w."""
 
 
-class MessageSink(ABC):
-    """Makes messages by the names of their types and takes them: a file, or a ROS node that publishes them."""
-
-    @abstractmethod
-    def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
-        """Take a message of a time [ns] on a topic."""
-
-    @abstractmethod
-    def make(self, type_: str, **fields: Any) -> Any:
-        """Return a message, or a part of one, such as geometry_msgs/msg/Pose."""
-
-    def header(self, time: int, frame: str) -> Any:
-        """Return the header of a message of a time [ns] in a frame."""
-        stamp = self.make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
-        return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-    def pose(self, plane: Plane, pose: Array) -> Any:
-        """Return the pose in space of one in a plane (3,)."""
-        (position,), (rotation,) = out_of_plane(plane, pose[None])
-        point = self.make("geometry_msgs/msg/Point", **dict(zip("xyz", position.tolist(), strict=True)))
-        turn = self.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation.tolist(), strict=True)))
-        return self.make("geometry_msgs/msg/Pose", position=point, orientation=turn)
-
-    def add_pose(self, topic: str, time: int, plane: Plane, pose: Array) -> None:
-        """Take a pose in a plane (3,) as a PoseStamped."""
-        self.add(topic, POSE, time, header=self.header(time, plane.frame), pose=self.pose(plane, pose))
-
-    def add_image(self, topic: str, time: int, image: bytes) -> None:
-        """Take an encoded image, also a damaged one."""
-        header, data = self.header(time, "sensor"), np.frombuffer(image, np.uint8)
-        self.add(topic, COMPRESSED_IMAGE, time, header=header, format=codec_of(image) or "jpeg", data=data)
-
-
-class MessageWriter(MessageSink):
+class MessageWriter:
     """Puts messages into an MCAP that is open."""
 
     def __init__(self, writer: Any) -> None:
@@ -125,19 +91,16 @@ class MessageWriter(MessageSink):
         self.writer = writer
         self._channels: dict[str, int] = {}
 
-    def add(self, topic: str, type_: str, time: int, **fields: Any) -> None:
-        """Add a message that was recorded and sent at a time [ns]."""
+    def add(self, time: int, messages: Mapping[str, Any]) -> None:
+        """Add messages, by their topics, that were recorded and sent at a time [ns]."""
         store = ros_types("cdr")
-        if topic not in self._channels:
-            text = store.generate_msgdef(type_, ros_version=2)[0].encode()
-            schema = self.writer.register_schema(type_, "ros2msg", text)
-            self._channels[topic] = self.writer.register_channel(topic, "cdr", schema)
-        data = bytes(store.serialize_cdr(self.make(type_, **fields), type_))
-        self.writer.add_message(self._channels[topic], time, data, time)
-
-    def make(self, type_: str, **fields: Any) -> Any:
-        """Return a message, or a part of one."""
-        return ros_types("cdr").types[type_](**fields)
+        for topic, one in messages.items():
+            type_ = one.__msgtype__
+            if topic not in self._channels:
+                text = store.generate_msgdef(type_, ros_version=2)[0].encode()
+                schema = self.writer.register_schema(type_, "ros2msg", text)
+                self._channels[topic] = self.writer.register_channel(topic, "cdr", schema)
+            self.writer.add_message(self._channels[topic], time, bytes(store.serialize_cdr(one, type_)), time)
 
 
 @contextmanager
@@ -175,6 +138,36 @@ def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
     return (whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)).tolist()
 
 
+def message(type_: str, **fields: Any) -> Any:
+    """Return a message of ROS 2, or a part of one, such as geometry_msgs/msg/Pose."""
+    return ros_types("cdr").types[type_](**fields)
+
+
+def header(time: int, frame: str) -> Any:
+    """Return the header of a message of a time [ns] in a frame."""
+    stamp = message("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
+    return message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def pose_in_space(plane: Plane, pose: Array) -> Any:
+    """Return the Pose of one in a plane (3,)."""
+    position, rotation = out_of_plane(plane, pose)
+    point = message("geometry_msgs/msg/Point", **dict(zip("xyz", position.tolist(), strict=True)))
+    turn = message("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation.tolist(), strict=True)))
+    return message("geometry_msgs/msg/Pose", position=point, orientation=turn)
+
+
+def stamped_pose(time: int, plane: Plane, pose: Array) -> Any:
+    """Return the PoseStamped of a pose in a plane (3,) at a time [ns]."""
+    return message(POSE, header=header(time, plane.frame), pose=pose_in_space(plane, pose))
+
+
+def stamped_image(time: int, image: bytes) -> Any:
+    """Return the CompressedImage of an encoded image, also a damaged one, at a time [ns]."""
+    data, codec = np.frombuffer(image, np.uint8), codec_of(image) or "jpeg"
+    return message(COMPRESSED_IMAGE, header=header(time, "sensor"), format=codec, data=data)
+
+
 def decoded(raw: RawMessage) -> Any:
     """Return the message with its fields as attributes. Raises FileError that names its topic if it is damaged."""
     topic, found, encoding = raw.channel
@@ -188,16 +181,17 @@ def decoded(raw: RawMessage) -> Any:
 
 def stamp_of(message: Any) -> int | None:
     """Return the time in a message's header [ns], of several transforms the first; None where there is none."""
-    if hasattr(message, "transforms"):
-        return stamp_of(message.transforms[0]) if message.transforms else None
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec if hasattr(message, "header") else None
+    stamped = message.transforms[0] if hasattr(message, "transforms") else message
+    return stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec if hasattr(stamped, "header") else None
 
 
 def poses_of(message: Any) -> list[Pose]:
-    """Return the pose in a message of POSE_TYPES, or the transforms in one of TRANSFORM_TYPES."""
+    """Return the pose in a message of POSE_TYPES, or the transforms in one of TRANSFORM_TYPES; none in others."""
     if hasattr(message, "transforms"):
         placed = [(each, each.child_frame_id, each.transform) for each in message.transforms]
         return [_pose(each, child, place.translation, place.rotation) for each, child, place in placed]
+    if not hasattr(message, "pose"):
+        return []
     pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
     return [_pose(message, "", pose.position, pose.orientation)]
 
@@ -208,24 +202,16 @@ def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:
     return Pose(message.header.frame_id.lstrip("/"), child.lstrip("/"), stamp_of(message) or 0, numbers)
 
 
-def image_of(message: Any) -> bytes:
-    """Return an image as encoded bytes: those of a CompressedImage, or an Image as PNG. Raises FileError."""
+def image_in(message: Any) -> bytes | NDArray[np.uint8]:
+    """Return the bytes of a CompressedImage, or the pixels (height, width, 3) RGB of an Image.
+
+    Raises FileError where it is no colour image.
+    """
     if hasattr(message, "format"):
-        return compressed_image(message)
-    return encode_image(raw_image(message), "png")
-
-
-def compressed_image(message: Any) -> bytes:
-    """Return the bytes of a CompressedImage. Raises FileError on others than colour."""
-    data = message.data.tobytes() if isinstance(message.data, np.ndarray) else bytes(message.data)
-    colour = message.format.split(";")[0].strip()
-    if codec_of(data) is None or colour.startswith("mono") or colour.endswith("C1"):
-        raise FileError(f"images are {message.format!r}, allowed are colour images as JPEG or PNG")
-    return data
-
-
-def raw_image(message: Any) -> NDArray[np.uint8]:
-    """Return the pixels (height, width, 3) RGB of an Image. Raises FileError where it is no colour image."""
+        data, colour = bytes(message.data), message.format.split(";")[0].strip()
+        if codec_of(data) is None or colour.startswith("mono") or colour.endswith("C1"):
+            raise FileError(f"images are {message.format!r}, allowed are colour images as JPEG or PNG")
+        return data
     import cv2
 
     encoding = next((name for name in ENCODINGS if name.lower() == message.encoding.strip().lower()), None)
@@ -235,18 +221,17 @@ def raw_image(message: Any) -> NDArray[np.uint8]:
         )
     size, conversion = ENCODINGS[encoding]
     height, width, step = message.height, message.width, message.step
+    found = f"an image of {height} rows and {width} columns"
     if not height or not width or step < size * width or len(message.data) != height * step:
         raise FileError(
-            f"an image of {height} rows and {width} columns has {len(message.data)} bytes in rows of {step}, "
-            f"expected {size} bytes a column and all rows"
+            f"{found} has {len(message.data)} bytes in rows of {step}, expected {size} bytes a column and all rows"
         )
-    pixels = np.asarray(message.data, np.uint8).reshape(height, step)[:, : size * width].reshape(height, width, size)
-    pixels = np.ascontiguousarray(pixels)
+    rows = np.asarray(message.data, np.uint8).reshape(height, step)[:, : size * width]
+    pixels = np.ascontiguousarray(rows.reshape(height, width, size))
     try:
-        converted = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")) if conversion else pixels
+        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")) if conversion else pixels, np.uint8)
     except cv2.error as error:  # such as an odd width
-        raise FileError(f"an image of {height} rows and {width} columns is no {message.encoding}") from error
-    return np.asarray(converted, np.uint8)
+        raise FileError(f"{found} is no {message.encoding}") from error
 
 
 @cache

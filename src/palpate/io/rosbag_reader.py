@@ -11,18 +11,14 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate.errors import FileError, one_line
 from palpate.files import existing_file, read_text
-from palpate.io.ros_messages import BOOL, POSE_TYPES, TRANSFORM_TYPES, Channel, RawMessage, decoded, poses_of, stamp_of
-from palpate.types.recording import Recording
+from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.space import Placed, Times, placed_at
-
-if TYPE_CHECKING:
-    from mcap.records import McapRecord
 
 logger = logging.getLogger(__name__)
 
@@ -43,15 +39,17 @@ def is_mcap(path: Path) -> bool:
     return begins_with(path, b"\x89MCAP0\r\n")
 
 
-def mcap_records(path: Path, chunks: bool = False) -> Iterator["McapRecord"]:
-    """Yield all records of an MCAP; those in chunks one by one, or whole `chunks`. Raises CutShort at the end."""
-    from mcap.stream_reader import StreamReader
+def mcap_messages(path: Path) -> Iterator[RawMessage]:
+    """Yield the messages of an MCAP in the order in which they were written. Raises CutShort."""
+    from mcap.reader import NonSeekingReader
 
     with path.open("rb") as file:
-        # No record can be longer than the file, so a damaged length does not ask for memory.
-        limit = path.stat().st_size
         try:
-            yield from StreamReader(file, emit_chunks=chunks, validate_crcs=True, record_size_limit=limit).records
+            reader = NonSeekingReader(file, validate_crcs=True, record_size_limit=path.stat().st_size)
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                encoding, type_ = channel.message_encoding, schema.name if schema else ""
+                type_ = type_.replace("/", "/msg/") if encoding == "ros1" else type_
+                yield RawMessage(Channel(channel.topic, type_, encoding), message.log_time, message.data)
         except OSError as error:
             raise FileError(f"{path}: cannot be read ({error.strerror})") from error
         except Exception as error:  # damaged bytes can raise anything in lengths, texts and compressed data
@@ -59,33 +57,16 @@ def mcap_records(path: Path, chunks: bool = False) -> Iterator["McapRecord"]:
             raise CutShort(f"{words}, as when its recorder was killed or still writes it") from error
 
 
-def mcap_messages(path: Path) -> Iterator[RawMessage]:
-    """Yield the messages of an MCAP in the order in which they were written. Raises CutShort."""
-    from mcap.records import Channel as ChannelRecord
-    from mcap.records import Message, Schema
-
-    types: dict[int, str] = {}
-    channels: dict[int, Channel] = {}
-    for record in mcap_records(path):
-        if isinstance(record, Schema):
-            types[record.id] = record.name
-        elif isinstance(record, ChannelRecord):
-            type_ = types.get(record.schema_id, "")
-            if record.message_encoding == "ros1":
-                type_ = type_.replace("/", "/msg/")
-            channels[record.id] = Channel(record.topic, type_, record.message_encoding)
-        elif isinstance(record, Message) and record.channel_id in channels:
-            yield RawMessage(channels[record.channel_id], record.log_time, record.data)
-
-
 def front_matter(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
     """Return metadata and attachments, by name, that stand before the first message of an MCAP."""
     from mcap.records import Attachment, Chunk, Message, Metadata
+    from mcap.stream_reader import StreamReader
 
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
-    with suppress(CutShort):
-        for record in mcap_records(path, chunks=True):
+    with path.open("rb") as file, suppress(Exception):  # of damaged bytes; what stands before them counts
+        limit = path.stat().st_size  # so that a damaged length does not ask for memory
+        for record in StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=limit).records:
             if isinstance(record, Metadata):
                 metadata[record.name] = record.metadata
             elif isinstance(record, Attachment):
@@ -102,14 +83,6 @@ def is_bag(path: Path) -> bool:
 
 def _is_ros2(path: Path) -> bool:
     return (path / "metadata.yaml").is_file() or begins_with(path, b"SQLite format 3\x00")
-
-
-def refuse_bag(path: Path) -> Recording:
-    """Raise FileError: a bag alone is no recording."""
-    raise FileError(
-        f"{path}: is a bag of ROS messages without an outline of the object; palpate track and convert take it by "
-        "--shape, in Python palpate.read_bag"
-    )
 
 
 def existing_bag(path: Path | str) -> Path:
@@ -178,65 +151,56 @@ integers = partial(array, "q")
 
 
 @dataclass
-class Topic:
-    """The messages of one channel in numbers."""
-
-    channel: Channel
-    log_times: "array[int]" = field(default_factory=integers)
-    """Times of recording [ns]."""
-    stamps: "array[int]" = field(default_factory=integers)
-    """Header stamps [ns] of messages that are read."""
-    offsets: "array[int]" = field(default_factory=integers)
-    """These stamps less the times of recording [ns]."""
-    flags: dict[int, bool] = field(default_factory=dict)
-    """Contact flags by their times of recording [ns]."""
-    damaged: int = 0
-    """Number of messages that do not decode."""
-
-    @property
-    def is_static(self) -> bool:
-        """True for transforms that hold at all times."""
-        return self.channel.type in TRANSFORM_TYPES and self.channel.topic.endswith("tf_static")
-
-    def are_equal(self, clock: str) -> bool:
-        """Return true if too many messages have one time; transforms of several frames may be sent at once."""
-        times = self.log_times if clock == "log" else self.stamps
-        return len(times) > 1 and len(set(times)) <= (1 if self.channel.type in TRANSFORM_TYPES else len(times) // 2)
-
-    @property
-    def clock_offset(self) -> float | None:
-        """The median of header stamps less times of recording [s]; None without headers."""
-        return float(np.median(self.offsets)) * 1e-9 if self.offsets else None
-
-    def about(self) -> dict[str, Any]:
-        """Return the numbers that `palpate info` shows."""
-        steps = np.diff(np.sort(np.array(self.log_times))) * 1e-9
-        median = float(np.median(steps)) if len(steps) else 0.0
-        return {
-            **self.channel._asdict(),
-            "messages": len(self.log_times),
-            "rate_hz": 1.0 / median if median else None,
-            "longest_gap_s": float(steps.max()) if len(steps) else None,
-            "clock_offset_s": self.clock_offset,
-            "clock_spread_s": (max(self.offsets) - min(self.offsets)) * 1e-9 if self.offsets else None,
-            "unstamped": self.stamps.count(0),
-            "damaged": self.damaged,
-        }
-
-
-@dataclass
-class PoseStream:
-    """Poses of one topic, or of one frame that transforms place."""
+class Stream:
+    """The messages of one topic, or the transforms of one frame, as numbers."""
 
     name: str
-    frames: list[str] = field(default_factory=list)
-    """Frames that they are given in; several contradict one another."""
+    is_transform: bool = False
     is_static: bool = False
     """True for transforms that hold at all times."""
     times: dict[str, "array[int]"] = field(default_factory=lambda: {"log": integers(), "header": integers()})
-    """Times [ns] by clock."""
+    """Times by clock [ns]; messages without headers have none in these."""
+    frames: list[str] = field(default_factory=list)
+    """Frames that its poses are given in; several contradict one another."""
     numbers: "array[float]" = field(default_factory=partial(array, "d"))
-    """Seven of each pose: position x, y, z [m] and quaternion x, y, z, w."""
+    """Seven of each pose, position x, y, z [m] and quaternion x, y, z, w; one of each contact flag."""
+    damaged: int = 0
+    """Number of messages that do not decode."""
+
+    def are_equal(self, clock: str) -> bool:
+        """Return true if too many messages have one time; transforms may be sent again."""
+        times = self.times[clock]
+        return len(times) > 1 and len(set(times)) <= (1 if self.is_transform else len(times) // 2)
+
+    @property
+    def offsets(self) -> Times:
+        """Header stamps less times of recording [ns]; none without headers."""
+        header = self.times["header"]
+        return np.array(header, np.int64) - np.array(self.times["log"], np.int64)[: len(header)]
+
+    def about(self) -> dict[str, Any]:
+        """Return the numbers that `palpate info` shows."""
+        steps, offsets = np.diff(np.sort(np.array(self.times["log"]))) * 1e-9, self.offsets * 1e-9
+        median = float(np.median(steps)) if len(steps) else 0.0
+        return {
+            "messages": len(self.times["log"]) + self.damaged,
+            "rate_hz": 1.0 / median if median else None,
+            "longest_gap_s": float(steps.max()) if len(steps) else None,
+            "clock_offset_s": float(np.median(offsets)) if len(offsets) else None,
+            "clock_spread_s": float(np.ptp(offsets)) if len(offsets) else None,
+            "unstamped": self.times["header"].count(0),
+            "damaged": self.damaged,
+        }
+
+    def add(self, log_time: int, stamp: int | None, pose: Pose | None = None) -> None:
+        """Add a message with its times [ns] and, if it has one, its pose."""
+        self.times["log"].append(log_time)
+        if stamp is not None:
+            self.times["header"].append(stamp)
+        if pose is not None:
+            self.numbers.extend(pose.numbers)
+            if pose.frame not in self.frames:
+                self.frames.append(pose.frame)
 
     def placed(self, clock: str, time: Times) -> Placed:
         """Return the poses at times (M,) [ns] of a clock."""
@@ -249,55 +213,51 @@ class Contents:
     """Contents of a bag, but for its images."""
 
     path: Path
-    topics: tuple[Topic, ...]
+    topics: dict[Channel, Stream]
     """Sorted by name."""
-    poses: dict[str, PoseStream]
-    """Poses by topic."""
-    transforms: dict[str, PoseStream]
+    transforms: dict[str, Stream]
     """Transforms by the frame that they place."""
 
-    def named(self, types: Collection[str]) -> list[str]:
-        """Return the names of topics of some types that are read."""
-        return [topic.channel.topic for topic in self.topics if topic.channel.is_read and topic.channel.type in types]
+    def of(self, types: Collection[str]) -> dict[str, Stream]:
+        """Return the topics of some types that are read, by name."""
+        return {each.topic: stream for each, stream in self.topics.items() if each.is_read and each.type in types}
 
 
 def contents(path: Path) -> Contents:
-    """Read a bag through and summarise it; warns where it is cut off. Raises FileError if it holds nothing."""
-    topics: dict[Channel, Topic] = {}
-    poses: dict[str, PoseStream] = {}
-    transforms: dict[str, PoseStream] = {}
+    """Read a bag through and summarise it; warns where it is cut off or damaged. Raises FileError if it is empty."""
+    topics: dict[Channel, Stream] = {}
+    transforms: dict[str, Stream] = {}
     cut = None
     try:
         for raw in bag_messages(path):
-            topic = topics.setdefault(raw.channel, Topic(raw.channel))
-            topic.log_times.append(raw.log_time)
-            if not raw.channel.is_read:
+            channel, is_transform = raw.channel, raw.channel.type in TRANSFORM_TYPES
+            topic = topics.setdefault(channel, Stream(channel.topic, is_transform))
+            if not channel.is_read:
+                topic.add(raw.log_time, None)
                 continue
             try:
                 message = decoded(raw)
             except FileError:
                 topic.damaged += 1
                 continue
-            if (stamp := stamp_of(message)) is not None:
-                topic.stamps.append(stamp)
-                topic.offsets.append(stamp - raw.log_time)
-            if raw.channel.type == BOOL:
-                topic.flags[raw.log_time] = bool(message.data)
-            is_transform = raw.channel.type in TRANSFORM_TYPES
-            for pose in poses_of(message) if is_transform or raw.channel.type in POSE_TYPES else ():
-                name, streams = (pose.child, transforms) if is_transform else (raw.channel.topic, poses)
-                stream = streams.setdefault(name, PoseStream(name))
-                stream.is_static |= topic.is_static
-                if pose.frame not in stream.frames:
-                    stream.frames.append(pose.frame)
-                stream.times["log"].append(raw.log_time)
-                stream.times["header"].append(pose.stamp)
-                stream.numbers.extend(pose.numbers)
+            poses = poses_of(message)
+            if is_transform and not poses:
+                continue
+            topic.add(raw.log_time, stamp_of(message), None if is_transform or not poses else poses[0])
+            if channel.type == BOOL:
+                topic.numbers.append(message.data)
+            for pose in poses if is_transform else ():
+                stream = transforms.setdefault(pose.child, Stream(f"transforms of {pose.child}", is_transform))
+                stream.is_static |= channel.topic.endswith("tf_static")
+                stream.add(raw.log_time, pose.stamp, pose)
     except CutShort as error:
         cut = error
-    if not topics:
+    count = sum(len(topic.times["log"]) + topic.damaged for topic in topics.values())
+    if not count:
         raise FileError(f"{cut}; there is no message before that" if cut else f"{path}: holds no messages")
     if cut:
-        count = sum(len(topic.log_times) for topic in topics.values())
         logger.warning("%s; the %d messages before that are read", cut, count)
-    return Contents(path, tuple(topics[channel] for channel in sorted(topics)), poses, transforms)
+    for topic in topics.values():
+        if topic.damaged:
+            logger.warning("%s: %d messages of %s do not decode and are left out", path, topic.damaged, topic.name)
+    return Contents(path, dict(sorted(topics.items())), transforms)

@@ -1,24 +1,23 @@
 """A bag as a recording: each image with the pose that the sensor had when it was taken."""
 
 import logging
-from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import partial, reduce
+from dataclasses import dataclass, replace
+from functools import reduce
 from operator import matmul
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError, SettingError
-from palpate.files import existing_file, in_file, numbers_of, read_table
+from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.from_arrays import nanoseconds, planar_recording
-from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, TRANSFORM_TYPES, decoded, image_of, stamp_of
-from palpate.io.rosbag_reader import Contents, CutShort, PoseStream, Topic, bag_messages, contents
+from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
+from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
+from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import Placed, Placement, Plane, Times
@@ -64,13 +63,18 @@ class _Source(NamedTuple):
     """As an option takes it: TOPIC or PARENT:CHILD."""
     frame: str
     """Frame that the poses are given in."""
-    steps: list[tuple[PoseStream, bool]]
+    steps: list[tuple[Stream, bool]]
     """The topic's poses, or transforms on the way from parent to child; true where one is taken backwards."""
 
     def placed(self, clock: str, time: Times) -> Placed:
         """Return the poses at times (M,) [ns] of a clock."""
         steps = ((stream.placed(clock, time), is_backwards) for stream, is_backwards in self.steps)
-        return reduce(matmul, [step.inverse() if is_backwards else step for step, is_backwards in steps])
+        found = reduce(matmul, [step.inverse() if is_backwards else step for step, is_backwards in steps])
+        return replace(found, name=self.name)
+
+    def times(self, clock: str) -> list[Times]:
+        """Return the times [ns] of all its streams that move, by a clock."""
+        return [np.array(stream.times[clock], np.int64) for stream, _ in self.steps if not stream.is_static]
 
 
 def read_bag(
@@ -96,58 +100,50 @@ def read_poses(
 
     The source is a topic, or two frames of the transforms, PARENT:CHILD; None if there is only one. Raises FileError.
     """
-    choices, found = BagChoices(sensor_poses=source, clock=clock), contents(Path(path))
+    found, choices = contents(Path(path)), BagChoices(sensor_poses=source, clock=clock)
     with in_file(found.path):
-        chosen, _, _ = _sources(found, choices, {})
-        moving = [stream.times[clock] for stream, _ in chosen.steps if not stream.is_static]
-        time = np.unique(np.array(max(moving, key=len, default=[0]), np.int64))
+        chosen, _ = _sources(found, choices)
+        time = np.unique(max(chosen.times(clock), key=len, default=np.zeros(1, np.int64)))
         placed = chosen.placed(clock, time)
     return time[placed.known], np.hstack([placed.position, placed.rotation.as_quat()])[placed.known]
 
 
-def _sources(
-    found: Contents, choices: BagChoices, used: dict[str, tuple[str, ...]]
-) -> tuple[_Source, _Source | None, int]:
-    """Return the sources of the sensor's and the object's poses, and the offset of headers from recording [ns].
+def _sources(found: Contents, choices: BagChoices, *others: Stream) -> tuple[_Source, _Source | None]:
+    """Return the sources of the sensor's and the object's poses; checks their times, and those of other streams.
 
-    Checks the times of these topics, and of others that are `used`, with their types. Raises FileError, with the
-    candidates where none of several is named.
+    Raises FileError, with the candidates where none of several is named.
     """
     truth = None if choices.object_poses is None else _source(found, choices.object_poses, None)
     place = _source(found, choices.sensor_poses, truth)
-    for source in filter(None, (place, truth)):
-        names = [source.name] if source.name in found.poses else found.named(TRANSFORM_TYPES)
-        used = used | dict.fromkeys(names, (*POSE_TYPES, *TRANSFORM_TYPES))
-    topics = [topic for topic in found.topics if topic.channel.type in used.get(topic.channel.topic, ())]
-    for topic in topics:
-        if topic.damaged == len(topic.log_times):
-            raise FileError(f"none of {topic.damaged} messages of {topic.channel.topic} is a {topic.channel.type}")
-        if topic.damaged:
-            words = "%s: %d messages of %s do not decode and are left out"
-            logger.warning(words, found.path, topic.damaged, topic.channel.topic)
-    _check_times(topics, choices.clock)
-    offsets = [topic.clock_offset for topic in topics if choices.clock == "header" and not topic.is_static]
-    return place, truth, next((round(each * 1e9) for each in offsets if each is not None), 0)
+    streams = [*others, *(stream for source in (place, truth) if source for stream, _ in source.steps)]
+    _check_times([stream for stream in streams if not stream.is_static], choices.clock)
+    if truth is not None and truth.frame != place.frame:
+        raise FileError(
+            f"poses of the sensor are given in frame {place.frame!r}, those of the object in {truth.frame!r}"
+        )
+    return place, truth
 
 
-def _check_times(topics: list[Topic], clock: Literal["header", "log"]) -> None:
+def _check_times(streams: list[Stream], clock: Literal["header", "log"]) -> None:
     """Raise FileError unless the times of what is read are set, differ, and come from one clock.
 
     Header stamps are held against the times of recording, where there are any: within a second, as a message is
     recorded some time after it was sent.
     """
-    moving = [topic for topic in topics if not topic.is_static]
-    is_header = clock == "header" and not any(topic.are_equal("log") for topic in moving)
+    is_header = clock == "header" and not any(stream.are_equal("log") for stream in streams)
     advice = "; --clock log takes the times of recording" if is_header else ""
-    for topic in moving:
-        name, unstamped = topic.channel.topic, topic.stamps.count(0)
-        times, kind = (topic.log_times, "times of recording") if clock == "log" else (topic.stamps, "header stamps")
+    ends = list[tuple[int, str]]()
+    for stream in streams:
+        times, unstamped, offsets = stream.times[clock], stream.times["header"].count(0), stream.offsets
+        if not stream.times["log"]:
+            raise FileError(f"none of {stream.damaged} messages in {stream.name} decodes")
         # The first message by a clock that starts at zero is no fault.
         if clock == "header" and unstamped > (len(times) > 1):
-            raise FileError(f"{unstamped} headers in {name} have a stamp of zero{advice}")
-        if topic.are_equal(clock):
-            raise FileError(f"{len(times)} messages in {name} have only {len(set(times))} different {kind}{advice}")
-    ends = [(end(topic.offsets), topic.channel.topic) for topic in moving if topic.offsets for end in (min, max)]
+            raise FileError(f"{unstamped} headers in {stream.name} have a stamp of zero{advice}")
+        if stream.are_equal(clock):
+            found = f"{len(times)} messages in {stream.name} have only {len(set(times))} different"
+            raise FileError(f"{found} {'times of recording' if clock == 'log' else 'header stamps'}{advice}")
+        ends += [(int(end(offsets)), stream.name) for end in (np.min, np.max) if len(offsets)]
     if is_header and ends:
         (least, early), (most, late) = min(ends), max(ends)
         if most - least > 10**9:
@@ -165,15 +161,16 @@ def _source(found: Contents, name: str | None, leave_out: _Source | None) -> _So
     above, placed = {each for one in found.transforms.values() for each in one.frames}, set(found.transforms)
     ends = ":".join([*(above - placed), *(placed - above)])
     chains = [ends] if len(above - placed) == len(placed - above) == 1 else []
-    names = [each for each in [*found.named(POSE_TYPES), *chains] if leave_out is None or each != leave_out.name]
+    topics = found.of(POSE_TYPES)
+    names = [each for each in [*topics, *chains] if leave_out is None or each != leave_out.name]
     option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
     chosen = _only(found, "source of poses", names, name, option)
     if chosen in chains:
         return _chain(found, *chosen.split(":"))
-    stream = found.poses.get(chosen, PoseStream(chosen, [""]))  # without any where all messages are damaged
-    if len(stream.frames) > 1:
-        raise FileError(f"{chosen}: poses are given in several frames, {', '.join(map(repr, sorted(stream.frames)))}")
-    return _Source(chosen, stream.frames[0], [(stream, False)])
+    frames = sorted(topics[chosen].frames)  # none where all messages are damaged
+    if len(frames) > 1:
+        raise FileError(f"{chosen}: poses are given in several frames, {', '.join(map(repr, frames))}")
+    return _Source(chosen, "".join(frames), [(topics[chosen], False)])
 
 
 def _chain(found: Contents, parent: str, child: str) -> _Source:
@@ -215,81 +212,86 @@ def _only(found: Contents, what: str, names: list[str], chosen: str | None, opti
 
 def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
     """Return a bag whose contents are known as a recording; see `read_bag`."""
-    types, what = IMAGE_TYPES, "image topic"
-    if not (sensor.image_height and (found.named(IMAGE_TYPES) or not found.named((BOOL,)))):
-        types, what = (BOOL,), "topic of contact flags"
-    topic = ""
-    if choices.image_times is None:
-        topic = _only(found, what, found.named(types), choices.images, "--images TOPIC")
-    place, truth, offset = _sources(found, choices, {topic: types})
-    if truth is not None and truth.frame != place.frame:
-        raise FileError(
-            f"poses of the sensor are given in frame {place.frame!r}, those of the object in {truth.frame!r}"
-        )
-    images, flags = {}, None
-    if topic and types == (BOOL,):
-        # Flags have no headers: they came as long after their time as the poses did.
-        sent = (each.flags.items() for each in found.topics if each.channel.topic == topic)
-        given = dict(sorted((time + offset, flag) for flags_ in sent for time, flag in flags_))
-        begin, moving = min(given), [stream.times[choices.clock] for stream, _ in place.steps if not stream.is_static]
-        stamps = np.arange(begin, max(map(max, [*moving, [begin]])) + 1, round(1e9 / sensor.rate))
-        flags = np.array(list(given.values()))[np.searchsorted(np.array(list(given)), stamps, "right") - 1]
+    images: dict[int, Any] | None = None
+    flags = None
+    are_flags = not sensor.image_height or (found.of((BOOL,)) and not found.of(IMAGE_TYPES))
+    if choices.image_times is not None:
+        place, truth = _sources(found, choices)
+        topic, images = str(choices.image_times), _listed_images(Path(choices.image_times), choices.images)
     else:
-        images = _images(found, topic, choices)
+        types, what = ((BOOL,), "topic of contact flags") if are_flags else (IMAGE_TYPES, "image topic")
+        topics = found.of(types)
+        topic = _only(found, what, [*topics], choices.images, "--images TOPIC")
+        place, truth = _sources(found, choices, topics[topic])
+        if not are_flags:
+            images = _images(found, topic, choices.clock)
+    if images is None:
+        stamps, flags = _flags(found.of((BOOL,))[topic], place, choices.clock, sensor.rate)
+    else:
         stamps = np.array(sorted(images), np.int64)
-    sources = topic or choices.image_times, place.name, truth and truth.name
+    time = stamps + round(choices.time_offset * 1e9)
     return BagReading(
         *planar_recording(
             str(found.path),
             place.frame,
-            stamps,
+            time,
             choices,
-            (f"the sensor ({place.name})", partial(place.placed, choices.clock)),
-            truth and (f"the object ({truth.name})", partial(truth.placed, choices.clock)),
-            None if flags is not None else (f"{sources[0]}", [images[stamp] for stamp in stamps.tolist()]),
+            place.placed(choices.clock, time),
+            truth and truth.placed(choices.clock, time),
+            None if images is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
             flags,
             sensor,
             shape=shape,
-            source=f"bag {found.path.name}: {', '.join(str(each) for each in sources if each)}",
+            source=f"bag {found.path.name}: {', '.join([topic, place.name, *([truth.name] if truth else [])])}",
             file=found.path,
         )
     )
 
 
-def _images(found: Contents, topic: str, choices: BagChoices) -> dict[int, bytes | FileError]:
-    """Return encoded images by their times [ns], or the error on one that is damaged."""
+def _flags(stream: Stream, place: _Source, clock: str, rate: float) -> tuple[Times, NDArray[np.bool_]]:
+    """Return times (N,) [ns] at a rate [Hz], from the first contact flag to the last pose, and the latest flags.
+
+    Flags have no headers: they came as long after their time as the poses did.
+    """
+    sent, poses = np.array(stream.times["log"], np.int64), place.times(clock)
+    if clock == "header":
+        offsets = [each.offsets for each, _ in place.steps if not each.is_static]
+        sent += int(np.median(offsets[0])) if offsets else 0
+    order = np.argsort(sent, kind="stable")
+    time = np.arange(sent.min(), max([sent.min(), *map(np.max, poses)]) + 1, round(1e9 / rate))
+    latest = np.searchsorted(sent[order], time, "right") - 1
+    return time, np.array(stream.numbers)[order][latest] == 1.0
+
+
+def _images(found: Contents, topic: str, clock: str) -> dict[int, bytes | FileError]:
+    """Return the encoded images of a topic by their times [ns], or the error on one that is damaged."""
     images, repeated = dict[int, bytes | FileError](), 0
-    for time, message in _sent_images(found, topic, choices):
-        repeated += time in images
-        try:
-            images[time] = image_of(message)
-        except FileError as error:
-            images[time] = error
+    with suppress(CutShort):  # of which `contents` has warned
+        for raw in bag_messages(found.path):
+            if raw.channel.topic != topic or not raw.channel.is_read or raw.channel.type not in IMAGE_TYPES:
+                continue
+            with suppress(FileError):  # `contents` has counted messages that do not decode
+                message = decoded(raw)
+                time = raw.log_time if clock == "log" else stamp_of(message) or 0
+                repeated += time in images
+                try:
+                    data = image_in(message)
+                    images[time] = data if isinstance(data, bytes) else encode_image(data, "png")
+                except FileError as error:
+                    images[time] = error
     if repeated:
         logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
     return images
 
 
-def _sent_images(found: Contents, topic: str, choices: BagChoices) -> Iterator[tuple[int, Any]]:
-    """Yield the images of a topic, or of the table beside the bag, as messages with their times [ns]."""
-    if choices.image_times is not None:
-        table = Path(choices.image_times)
-        with in_file(table):
-            rows = read_table(table, ("time", "file"))
-            for line, (time, _) in rows:
-                if numbers_of([time]) is None:
-                    raise FileError(f"line {line}: time is {time!r}, expected seconds, or whole nanoseconds")
-            are_whole = all(time.isdecimal() for _, (time, _) in rows)
-            stamps = nanoseconds("time", [int(row[0]) if are_whole else float(row[0]) for _, row in rows], least=1e-3)
-        for stamp, (_, (_, name)) in zip(stamps.tolist(), rows, strict=True):
-            file = existing_file((choices.images or table.parent) / Path(name))
-            yield stamp, SimpleNamespace(format=name, data=file.read_bytes())
-        return
-    with suppress(CutShort):  # of which `contents` has warned
-        for raw in bag_messages(found.path):
-            message = None
-            if raw.channel.topic == topic and raw.channel.is_read and raw.channel.type in IMAGE_TYPES:
-                with suppress(FileError):  # `contents` has counted messages that do not decode
-                    message = decoded(raw)
-            if message is not None:
-                yield raw.log_time if choices.clock == "log" else stamp_of(message) or 0, message
+def _listed_images(table: Path, folder: Path | str | None) -> dict[int, Path]:
+    """Return the files of images by their times [ns], as a table lists them, in a folder, by default the table's."""
+    with in_file(table):
+        rows = read_table(table, ("time", "file"))
+        for line, (time, _) in rows:
+            if numbers_of([time]) is None:
+                raise FileError(f"line {line}: time is {time!r}, expected seconds, or whole nanoseconds")
+        are_whole = all(time.isdecimal() for _, (time, _) in rows)
+        stamps = nanoseconds("time", [int(row[0]) if are_whole else float(row[0]) for _, row in rows], least=1e-3)
+    files = [(folder or table.parent) / Path(name) for _, (_, name) in rows]
+    return dict(zip(stamps.tolist(), files, strict=True))

@@ -17,9 +17,9 @@ import numpy as np
 
 from palpate.errors import FileError, FrameError
 from palpate.geometry.shapes import Shape
-from palpate.io.estimates import add_estimate
+from palpate.io import ros_messages as ros
+from palpate.io.estimates import estimate_messages
 from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
-from palpate.io.ros_messages import nanoseconds, new_mcap, ros_types
 from palpate.live.sources import ImageSource, PoseSource, PoseTrack, Refused, Sources, TimedPose, TouchImage
 from palpate.pipeline.metrics import PERCENTILES, percentiles
 from palpate.tracker import Tracker
@@ -184,18 +184,19 @@ def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = Fals
 
     Raises FileError if the file exists, unless `force`.
     """
-    ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
+    ros.ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
     plane = flat()
-    with new_mcap(path, force, growing=True) as file:
+    with ros.new_mcap(path, force, growing=True) as file:
         describe(file, shape, sensor)
 
         def record(item: TouchImage | TimedPose | Estimate) -> None:
-            (stamp,) = nanoseconds(path, np.array([item.time]))
+            (stamp,) = ros.nanoseconds(path, np.array([item.time]))
             if isinstance(item, Estimate):
-                add_estimate(file, plane, stamp, item)
+                file.add(stamp, estimate_messages(plane, stamp, item))
             elif isinstance(item, TimedPose):
-                file.add_pose(SENSOR_POSES, stamp, plane, item.pose)
+                file.add(stamp, {SENSOR_POSES: ros.stamped_pose(stamp, plane, item.pose)})
             else:
-                file.add_image(IMAGES, stamp, item.data if isinstance(item.data, bytes) else encode_image(item.data))
+                data = item.data if isinstance(item.data, bytes) else encode_image(item.data)
+                file.add(stamp, {IMAGES: ros.stamped_image(stamp, data)})
 
         yield record

@@ -161,7 +161,7 @@ class Recording:
         - contact: (N,) True for each image in which the sensor touches the object.
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
-        from palpate.io.from_arrays import nanoseconds, planar_recording, pose_source
+        from palpate.io.from_arrays import nanoseconds, placed_from, planar_recording
         from palpate.types.space import Placement
 
         placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)
@@ -182,16 +182,18 @@ class Recording:
         if given is None and flags is None:
             raise FileError("images: found None, and no contact; a recording needs one of them")
 
+        time = time + round(time_offset * 1e9)
+        placed = placed_from("poses", poses, "pose_time", pose_time, time)
         truth, known = None, as_array("object_poses", np.nan if object_poses is None else object_poses)
         if known.dtype.kind != "f" or not np.isnan(known).all():
             seen_at = pose_time if object_time is None else object_time
-            truth = "the object (object_poses)", pose_source("object_poses", known, "object_time", seen_at)
+            truth = placed_from("object_poses", known, "object_time", seen_at, time)
         recording, _ = planar_recording(
             "from_arrays",
             "world",
             time,
             placement,
-            ("the sensor (poses)", pose_source("poses", poses, "pose_time", pose_time)),
+            placed,
             truth,
             None if given is None else ("images", given),
             flags,

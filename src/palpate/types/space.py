@@ -6,8 +6,8 @@ axis as the normal, poses in the plane have the x and y of the frame.
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,14 +82,15 @@ class Placement:
         """Return the poses of the gel from those of the part that carries it."""
         if self.sensor_T_gel is None:
             return sensor
-        now = np.zeros(1, np.int64)
-        return sensor @ placed_at("sensor_T_gel", now, np.array([self.sensor_T_gel]), now)
+        return sensor @ placed_now("sensor_T_gel", np.array([self.sensor_T_gel]))
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
     """Poses of a frame at M times."""
 
+    name: str
+    """Name of the frame or its source, for errors."""
     position: Array
     """(M, 3) [m]."""
     rotation: "Rotation"
@@ -99,17 +100,18 @@ class Placed:
 
     def __getitem__(self, keep: NDArray[np.bool_]) -> "Placed":
         """Return the poses at flagged times (M,)."""
-        return Placed(self.position[keep], self.rotation[keep], self.known[keep])  # pyright: ignore[reportArgumentType]
+        rotation: Any = self.rotation[keep]  # pyright: ignore[reportArgumentType]
+        return replace(self, position=self.position[keep], rotation=rotation, known=self.known[keep])
 
     def __matmul__(self, other: "Placed") -> "Placed":
         """Return a_T_c from a_T_b and b_T_c; one pose holds at all times."""
         position = self.position + self.rotation.apply(other.position)
-        return Placed(position, self.rotation * other.rotation, self.known & other.known)
+        return Placed(self.name, position, self.rotation * other.rotation, self.known & other.known)
 
     def inverse(self) -> "Placed":
         """Return b_T_a from a_T_b."""
         back = self.rotation.inv()
-        return Placed(-back.apply(self.position), back, self.known)
+        return Placed(self.name, -back.apply(self.position), back, self.known)
 
 
 def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: bool = False) -> Placed:
@@ -142,7 +144,7 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
     time, position, turns = time[order], numbers[order, :3], Rotation.from_quat(numbers[order, 3:])
     if is_static or len(time) == 1:
         last = np.full(len(wanted), -1)
-        return Placed(position[last], turns[last], (wanted == time[-1]) | is_static)  # pyright: ignore[reportArgumentType]
+        return Placed(name, position[last], turns[last], (wanted == time[-1]) | is_static)  # pyright: ignore[reportArgumentType]
     seconds, asked = (time - time[0]) * 1e-9, (wanted - time[0]) * 1e-9
     inside = np.clip(asked, 0.0, seconds[-1])
     after = np.clip(np.searchsorted(time, wanted), 1, len(seconds) - 1)
@@ -152,7 +154,13 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
     # A pose just at the time is known whatever comes before or after it.
     known = ((wanted >= time[0]) & (wanted <= time[-1]) & ~is_gap[after - 1]) | np.isin(wanted, time)
     between = np.column_stack([np.interp(inside, seconds, column) for column in position.T])
-    return Placed(between, Slerp(seconds, turns)(inside), known)
+    return Placed(name, between, Slerp(seconds, turns)(inside), known)
+
+
+def placed_now(name: str, numbers: Array) -> Placed:
+    """Return a single pose (1, 7) for `placed_at`."""
+    now = np.zeros(1, np.int64)
+    return placed_at(name, now, numbers, now)
 
 
 class GelPoses:
@@ -168,14 +176,14 @@ class GelPoses:
 
     def __call__(self, pose: ArrayLike, frame: str = "world") -> Array:
         """Return the gel's pose in the plane (3,). Raises FileError if a pose is none, or leaves frame or plane."""
-        how, now = self._placement, np.zeros(1, np.int64)
+        how = self._placement
         if how.sensor_T_gel is None and np.shape(pose) == (3,):
             return np.array(pose, np.float64)
-        gel = how.of_gel(placed_at("pose", now, pose_numbers("pose", [pose]), now))
+        gel = how.of_gel(placed_now("pose", pose_numbers("pose", [pose])))
         self.plane = plane = self.plane or plane_across(frame, np.array(how.plane, np.float64), gel.position)
         if frame != plane.frame:
             raise FileError(f"pose: it is given in frame {frame!r}, the first was in {plane.frame!r}")
-        return in_plane("pose", plane, gel, how.off_plane)[0]
+        return in_plane(plane, gel, how.off_plane)[0]
 
 
 def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
@@ -261,12 +269,13 @@ def plane_through(what: str, frame: str, position: Array) -> Plane:
     return plane
 
 
-def in_plane(what: str, plane: Plane, placed: Placed, off_plane: float, time: Times | None = None) -> Array:
+def in_plane(plane: Plane, placed: Placed, off_plane: float, time: Times | None = None) -> Array:
     """Return poses as poses in the plane (N, 3) [m, m, rad], whose yaw is that of the x axis about the normal.
 
     Raises FileError where one is more than `off_plane` [m] off it or too steep, or they seem to be in millimetres. With
     their times (N,) [ns] they may all be at another height than the plane, and a warning tells where they are tilted.
     """
+    what = placed.name
     check_metres(what, placed.position)
     at, x_axis = placed.position @ plane.axes, placed.rotation.apply([1.0, 0.0, 0.0]) @ plane.axes
     if not len(at):
@@ -293,24 +302,23 @@ def in_plane(what: str, plane: Plane, placed: Placed, off_plane: float, time: Ti
 
 
 def out_of_plane(plane: Plane, pose: Array) -> tuple[Array, Array]:
-    """Return positions (N, 3) [m] and quaternions x, y, z, w (N, 4) of poses in the plane (N, 3) [m, m, rad]."""
+    """Return the position (3,) [m] and the quaternion x, y, z, w (4,) of a pose in the plane (3,) [m, m, rad]."""
     from scipy.spatial.transform import Rotation
 
-    height = np.full((len(pose), 1), plane.height)
-    position = np.hstack([pose[:, :2], height]) @ plane.axes.T
-    return position, (Rotation.from_matrix(plane.axes) * Rotation.from_euler("z", pose[:, 2:])).as_quat()
+    turn = Rotation.from_matrix(plane.axes) * Rotation.from_euler("z", pose[2])
+    return plane.axes @ np.array([pose[0], pose[1], plane.height]), turn.as_quat()
 
 
 def spatial_covariance(plane: Plane, pose: Array, covariance: Array) -> Array:
-    """Return covariances (N, 6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
+    """Return a covariance (6, 6) [m, rad] about the axes of the plane's frame, order x, y, z, turns about x, y, z.
 
-    From poses in the plane (N, 3) and their covariances (N, 3, 3) in the tangent space at the pose (right, body frame),
-    order x, y, theta. Directions out of the plane have zero.
+    From a pose in the plane (3,) and its covariance (3, 3) in the tangent space at the pose (right, body frame), order
+    x, y, theta. Directions out of the plane have zero.
     """
-    axes_T_body = np.zeros((len(pose), 6, 3))
-    axes_T_body[:, :3, :2] = plane.axes[:, :2] @ se2.rotation(pose[:, 2])
-    axes_T_body[:, 3:, 2] = plane.axes[:, 2]
-    return axes_T_body @ covariance @ axes_T_body.transpose(0, 2, 1)
+    axes_T_body = np.zeros((6, 3))
+    axes_T_body[:3, :2] = plane.axes[:, :2] @ se2.rotation(pose[2])
+    axes_T_body[3:, 2] = plane.axes[:, 2]
+    return axes_T_body @ covariance @ axes_T_body.T
 
 
 def flat(frame: str = "world") -> Plane:
