@@ -138,7 +138,7 @@ def test_a_difference_is_of_area_means_in_units_of_32_levels():
 # Measurements
 
 LEVELS = np.full((320, 240, 3), 100.0, np.float32)
-GEL = Background(LEVELS, np.ones_like(LEVELS))
+GEL = Background(LEVELS, np.ones((40, 30, 3), np.float32))
 PATCH, SEEN = np.s_[150:160, 120:135], np.s_[15:16, 64:72]  # in images, and in their differences
 
 
@@ -222,7 +222,7 @@ def test_an_image_that_shows_less_of_the_gel_turns_directions_less():
 def test_a_contact_keeps_the_background_that_it_began_with():
     images, brighter = reader("learnt", "direction"), LEVELS.copy()
     brighter[PATCH] += 4.0
-    changed = Background(brighter, GEL.deviation)
+    changed = Background(brighter, GEL.noise)
 
     def angle(gel: Background) -> float:
         (direction,) = images.read(frame(5), gel)
@@ -283,7 +283,7 @@ def test_the_model_of_the_mini_is_chosen_by_its_name_and_reads_places_and_tilts(
     assert shipped_model("my finger").folder == SHIPPED
     chosen = TouchReader("auto", GELSIGHT_MINI)
     bare = MINIS[0].no_contact
-    chosen.choose(bare, Background(bare.astype(np.float32), np.zeros_like(bare, np.float32)))
+    chosen.choose(bare, Background(bare.astype(np.float32), np.zeros((30, 40, 3), np.float32)))
     assert (chosen.tactile, chosen.reason) == ("learnt", "images fit the touch model of the GelSight Mini")
     places = [mini_readings(palpate.Disc(0.05), -0.05, 0.0, y, 5e-4)[1] for y in (-0.005, 0.0, 0.005)]
     assert places[0] < places[1] - 0.002 < places[2] - 0.004

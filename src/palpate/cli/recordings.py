@@ -105,7 +105,7 @@ def view(
 
 
 def about_calibration(calibration: "Calibration") -> dict[str, Any]:
-    """Return a calibration as plain data; noise is the median change of an untouched image over time [grey levels]."""
+    """Return a calibration as plain data; noise is that of cells of an untouched image over time [grey levels]."""
     import numpy as np
 
     gel, direction = calibration.background, calibration.direction
@@ -114,7 +114,7 @@ def about_calibration(calibration: "Calibration") -> dict[str, Any]:
     return {
         "height": height,
         "width": width,
-        "noise_levels": float(np.median(gel.deviation)) if gel.deviation.any() else None,  # a single image has none
+        "noise_levels": float(np.median(gel.noise)) if gel.noise.any() else None,  # a single image has none
         "view": str(calibration.view),
         "is_view_measured": calibration.is_view_known,
         "pixel_pitch_mm": 1e3 * pitch if pitch else None,

@@ -90,17 +90,14 @@ def log(pose: ArrayLike) -> Array:
 def rotation(theta: ArrayLike) -> Array:
     """Return the rotation matrices (..., 2, 2) by theta [rad]."""
     cos, sin = np.cos(theta), np.sin(theta)
-    out = np.empty((*np.shape(theta), 2, 2))
-    out[..., 0, 0] = out[..., 1, 1] = cos
-    out[..., 0, 1] = -sin
-    out[..., 1, 0] = sin
-    return out
+    return _matrices([[cos, -sin], [sin, cos]])
 
 
 def adjoint(pose: ArrayLike) -> Array:
     """Return the matrices Ad (..., 3, 3) with T exp(xi) T^-1 = exp(Ad xi)."""
     x, y, theta = _split(pose)
-    return _affine(np.cos(theta), np.sin(theta), y, -x)
+    cos, sin, zero = np.cos(theta), np.sin(theta), np.zeros_like(theta)
+    return _matrices([[cos, -sin, y], [sin, cos, -x], [zero, zero, zero + 1.0]])
 
 
 def right_jacobian_inverse(xi: ArrayLike) -> Array:
@@ -111,7 +108,8 @@ def right_jacobian_inverse(xi: ArrayLike) -> Array:
     square = half * half
     series = half / 6.0 * (1.0 + square / 15.0 * (1.0 + square * (2.0 / 21.0) * (1.0 + square / 10.0)))
     e = np.where(np.abs(omega) < _SERIES_BELOW, series, (1.0 - cot) * omega / (omega * omega + _TINY))
-    return _affine(cot, half, e * vx + 0.5 * vy, e * vy - 0.5 * vx)
+    zero = np.zeros_like(half)
+    return _matrices([[cot, -half, e * vx + 0.5 * vy], [half, cot, e * vy - 0.5 * vx], [zero, zero, zero + 1.0]])
 
 
 def interpolated(when: Array | float, time: Array, pose: Array) -> Array:
@@ -155,16 +153,10 @@ def _join(*parts: Any) -> Array:
     return out
 
 
-def _affine(cos: Any, sin: Any, x: Any, y: Any) -> Array:
-    """Return the matrices [[cos, -sin, x], [sin, cos, y], [0, 0, 1]]."""
-    out = np.zeros((*np.shape(x), 3, 3))
-    out[..., 0, 0] = out[..., 1, 1] = cos
-    out[..., 0, 1] = -sin
-    out[..., 1, 0] = sin
-    out[..., 0, 2] = x
-    out[..., 1, 2] = y
-    out[..., 2, 2] = 1.0
-    return out
+def _matrices(rows: list[list[Any]]) -> Array:
+    """Return the matrices whose elements, of one shape, are given in rows; the last two axes are theirs."""
+    found = np.array(rows)
+    return found if found.ndim == 2 else np.ascontiguousarray(np.moveaxis(found, (0, 1), (-2, -1)))
 
 
 def _chord(half: Any, sin: Any) -> Any:

@@ -54,6 +54,11 @@ class _Cornered(_Outline):
     def corners(self) -> Array:
         """Corners (N, 2) [m], counter-clockwise."""
 
+    @property
+    def area(self) -> float:
+        """Area [m^2]."""
+        return _area_and_centroid(self.corners)[0]
+
     def outline(self, count: int = 200) -> Array:
         """Return about `count` points (N, 2) [m], counter-clockwise: the corners and points between them."""
         corners = self.corners
@@ -120,11 +125,6 @@ class Rectangle(_Cornered):
     """Full length along x [m]."""
     size_y: float
     """Full length along y [m]."""
-
-    @property
-    def area(self) -> float:
-        """Area [m^2]."""
-        return self.size_x * self.size_y
 
     @property
     def corners(self) -> Array:
@@ -215,21 +215,27 @@ class Polygon(_Cornered):
         return np.array(self.vertices)
 
     @property
-    def area(self) -> float:
-        """Area [m^2]."""
-        return _area_and_centroid(self.corners)[0]
-
-    @property
     def centroid(self) -> Array:
         """Centroid of the area (2,) [m]."""
         return _area_and_centroid(self.corners)[1]
 
     def signed_distance(self, points: ArrayLike) -> Array:
         """Return the distance (...) [m] of points (..., 2) from the outline, negative inside."""
-        from palpate.geometry.polygon_distance import signed_distances
+        import shapely
+
+        from palpate.geometry.polygon_distance import distances
 
         points = np.asarray(points, dtype=np.float64)
-        return signed_distances(points.reshape(-1, 2), self.corners).reshape(points.shape[:-1])
+        distance = distances(points.reshape(-1, 2), self.corners).reshape(points.shape[:-1])
+        return np.where(shapely.contains_xy(self._area, points[..., 0], points[..., 1]), -distance, distance)
+
+    @cached_property
+    def _area(self) -> Any:
+        import shapely
+
+        area = shapely.Polygon(self.corners)
+        shapely.prepare(area)
+        return area
 
 
 def _checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:

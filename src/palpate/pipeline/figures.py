@@ -48,8 +48,7 @@ def own_style(**settings: Any) -> Iterator[None]:
 
     with mpl.rc_context():
         mpl.rcdefaults()
-        for name, value in settings.items():
-            mpl.rcParams[name] = value  # pyright: ignore[reportArgumentType]
+        mpl.rcParams.update(settings)
         yield
 
 

@@ -168,14 +168,9 @@ def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Est
 
 def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers]:
     """Return the trajectory and the answers of N estimates, as in a Run."""
-    online = Trajectory(
-        time=np.array([estimate.time for estimate in estimates]),
-        pose=np.array([estimate.pose for estimate in estimates]),
-        covariance=np.array([estimate.covariance for estimate in estimates]),
-        contact=np.array([estimate.contact for estimate in estimates]),
-        status=tuple(estimate.status for estimate in estimates),
-        reason=tuple(estimate.reason for estimate in estimates),
-    )
+    rows = ((each.time, each.pose, each.covariance, each.contact, each.status, each.reason) for each in estimates)
+    *arrays, status, reason = zip(*rows, strict=True)
+    online = Trajectory(*map(np.array, arrays), status=status, reason=reason)
     return online, tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
 
 

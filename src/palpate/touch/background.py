@@ -2,14 +2,14 @@
 
 import logging
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import SettingError
-from palpate.touch.cells import Image, Levels, cell_width, cells_of, change_in_light, compare, is_dark, is_grey
+from palpate.touch.cells import Image, Levels, cells_of, change_in_light, compare, is_dark, is_grey
 
 logger = logging.getLogger(__name__)
 
@@ -24,17 +24,8 @@ class Background:
 
     mean: Levels
     """(height, width, 3) RGB [grey levels]."""
-    deviation: Levels
-    """Standard deviation over the time of the first images or the calibration, (height, width, 3) [grey levels]."""
-    noise: Levels = field(default_factory=lambda: np.empty((0, 0, 3), np.float32))
-    """Standard deviation of the cells, in the light of each image, (rows, columns, 3) [grey levels]. By default pixels
-    have independent noise; some cameras have stripes, which cells share."""
-
-    def __post_init__(self) -> None:
-        if not self.noise.size:
-            correlated = 2  # pixels across that share their noise: cameras and JPEG keep one colour for 2 x 2
-            part = min(correlated / cell_width(*self.deviation.shape[:2]), 1.0)
-            object.__setattr__(self, "noise", cells_of(self.deviation) * np.float32(part))
+    noise: Levels
+    """Standard deviation of the cells over time, in the light of each image, (rows, columns, 3) [grey levels]."""
 
     def followed(self, image: Image, part: float) -> "Background":
         """Return the background with a mean in which an image has the weight `part`, and the past the rest."""
@@ -43,22 +34,19 @@ class Background:
 
 def background_of(images: Iterable[Image]) -> Background:
     """Return the statistics of untouched images (height, width, 3), read one after the other; of one, without noise."""
-    count, first, sums = 0, None, [np.zeros(())] * 4  # of pixels and their squares, of cells and their squares
+    count, first, total, changes, squares = 0, None, np.zeros(()), np.zeros(()), np.zeros(())
     for image in images:
-        pixels, cells = image.astype(np.float64), cells_of(image)
+        cells = cells_of(image)
         first = cells if first is None else first
-        change = change_in_light(cells, first, cells.shape[1]).astype(np.float64)
-        sums = [total + more for total, more in zip(sums, (pixels, pixels**2, change, change**2), strict=True)]
-        count += 1
+        change = change_in_light(cells, first).astype(np.float64)
+        count, total, changes, squares = count + 1, total + image, changes + change, squares + change**2
     if not count:
         raise SettingError("a background needs an untouched image, found none")
-    pixels, squares, changes, changes_squared = sums
-    mean, freedom = pixels / count, max(count - 1, 1)
-    variance = np.maximum(squares - count * mean**2, 0.0) / freedom
-    noise = np.maximum(changes_squared - count * (changes / count) ** 2, 0.0) / freedom
+    freedom = max(count - 1, 1)
+    noise = np.maximum(squares - count * (changes / count) ** 2, 0.0) / freedom
     prior = 10  # images; weight of the mean noise of all cells, as that of one is known from few images
     noise = (freedom * noise + prior * noise.mean()) / (freedom + prior)
-    return Background(*(each.astype(np.float32) for each in (mean, np.sqrt(variance), np.sqrt(noise))))
+    return Background((total / count).astype(np.float32), np.sqrt(noise).astype(np.float32))
 
 
 def first_frames(rate: float) -> int:
@@ -71,29 +59,20 @@ class SteadyImages:
 
     def __init__(self, rate: float) -> None:
         self._needed = first_frames(rate)
-        self._seen: list[Image] = []
-
-    @property
-    def is_empty(self) -> bool:
-        """The next image is the first."""
-        return not self._seen
-
-    def forget(self) -> None:
-        """Start again with the next image."""
-        self._seen = []
+        self.seen: list[Image] = []
+        """Images so far; emptied, it starts again with the next image."""
 
     def add(self, image: Image) -> Background | None:
         """Add an image (height, width, 3); return the background once there are enough, then start again."""
         if is_dark(image):
             return None
-        if self._seen and not _are_alike(image, self._seen[0]):
-            self._seen = []  # something moves, or the light is still coming on
-        self._seen.append(image.copy())  # a driver may reuse its array
-        if len(self._seen) < self._needed:
+        if self.seen and not _are_alike(image, self.seen[0]):
+            self.seen = []  # something moves, or the light is still coming on
+        self.seen.append(image.copy())  # a driver may reuse its array
+        if len(self.seen) < self._needed:
             return None
-        warn_if_squeezed(self._seen[:1])
-        found = background_of(self._seen)
-        self.forget()
+        warn_if_squeezed(self.seen[:1])
+        found, self.seen = background_of(self.seen), []
         return found
 
 
@@ -124,12 +103,9 @@ def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") ->
         ]
         least = 1e-3 * grey.size  # of noise well below a grey level, as in images without any
         shares.append((np.median(fine[0]) + least) / (np.median(fine[1]) + least))
-    if (
-        shares and np.median(shares) < 0.4
-    ):  # above 0.58 in real and drawn images, and below 0.36 in nearly all once squeezed
-        logger.warning(
-            "%s seem to have been scaled to their size while they lay on their side: turn them instead", name
-        )
+    # Above 0.58 in real and drawn images, and below 0.36 in nearly all once squeezed.
+    if shares and np.median(shares) < 0.4:
+        logger.warning("%s seem to have been scaled to their size while they lay on their side: turn them", name)
 
 
 # Markers: dots on some gels, darker than the gel around them. Sizes in pixels, 13 are 0.8 mm on a GelSight Mini.

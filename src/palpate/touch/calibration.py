@@ -14,11 +14,11 @@ from palpate.config import NoiseSettings, Normal
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, read_arrays, whole_file
 from palpate.touch.background import Background
-from palpate.touch.cells import Levels
+from palpate.touch.cells import Levels, cells_of
 from palpate.types.images import AS_IT_IS, CameraView
 from palpate.types.sensor import SensorProfile
 
-VERSION = 6
+VERSION = 7
 LEAST_PITCH, MOST_PITCH = 0.625, 1.6
 """Pixel pitches that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
 
@@ -157,7 +157,6 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
             file,
             version=VERSION,
             mean=gel.mean,
-            deviation=gel.deviation,
             noise=gel.noise,
             view=[view.quarter_turns, view.mirrored, *view.channels],
             view_known=calibration.is_view_known,
@@ -172,16 +171,15 @@ def load_calibration(path: Path | str) -> Calibration:
     path = existing_file(path)
     arrays = read_arrays(path)
     with in_file(path):
-        names = ("version", "mean", "deviation", "noise", "view", "view_known", "direction", "pixel_pitch")
+        names = ("version", "mean", "noise", "view", "view_known", "direction", "pixel_pitch")
         if missing := [name for name in names if name not in arrays]:
             raise FileError(f"is no calibration of palpate calibrate, {missing[0]!r} is missing")
         version = int(checked_array("version", arrays["version"], NUMBERS, ()))
-        if version not in (5, VERSION):  # without and with pushes
+        if version not in (5, 6, VERSION):  # 5 is without pushes
             raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
-        set_up = arrays["set_up"] if version == VERSION and "set_up" in arrays else np.empty(0)
+        set_up = arrays.get("set_up", np.empty(0))
         mean = _levels("mean", arrays["mean"], ("N", "N", 3))
-        background = Background(mean, _levels("deviation", arrays["deviation"], mean.shape))
-        background = replace(background, noise=_levels("noise", arrays["noise"], background.noise.shape))
+        background = Background(mean, _levels("noise", arrays["noise"], cells_of(mean).shape))
 
         def numbers(name: str, count: int) -> list[float]:
             return checked_array(name, arrays[name], NUMBERS, (count,)).astype(float).tolist()

@@ -84,9 +84,7 @@ def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
 
     The result is that of OpenCV's INTER_AREA, in a quarter of the time.
     """
-    out = np.empty((rows, columns, 3), np.float32)
-    _put_area_means(np.ascontiguousarray(image), out)
-    return out
+    return _area_means(np.ascontiguousarray(image), rows, columns)
 
 
 def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
@@ -95,27 +93,24 @@ def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) ->
     The light relative to the untouched gel's is a plane over the image, fitted robustly to each channel, so a touch of
     less than half of the pad does not matter.
     """
-    light = _planes(cells, untouched)
-    lit = np.empty(untouched.shape, np.float32)
-    _put_lit(untouched, light, lit)
-    return np.count_nonzero(np.abs(cells - lit) > tolerance) / cells.size
+    return np.count_nonzero(np.abs(change_in_light(cells, untouched)) > tolerance) / cells.size
 
 
-def change_in_light(image: Levels, untouched: Levels, columns: int) -> Levels:
-    """Return the change (rows, width, 3) of an image from the untouched gel in its light, found in so many columns.
+def change_in_light(image: Levels, untouched: Levels, columns: int | None = None) -> Levels:
+    """Return the change (rows, width, 3) of an image from the untouched gel in its light.
 
-    In memory each channel is whole, as networks read it.
+    The light is found in so many columns, by default in all.
     """
-    rows, width, channels = image.shape
-    light = _planes(area_means(image, rows, columns), area_means(untouched, rows, columns))
-    out = np.empty((channels, rows, width), np.float32).transpose(1, 2, 0)
-    _put_lit(untouched, light, out)
-    return np.subtract(image, out, out=out)
+    seen, known = image, untouched
+    if columns is not None:
+        seen, known = (area_means(each, len(each), columns) for each in (image, untouched))
+    return _change(image, untouched, _planes(seen, known))
 
 
 @compiled
-def _put_area_means(image: Records, out: Records) -> None:
-    height, width, (rows, columns, _) = image.shape[0], image.shape[1], out.shape
+def _area_means(image: Records, rows: int, columns: int) -> Records:
+    height, width, _ = image.shape
+    out = np.empty((rows, columns, 3), np.float32)
     lines = image.reshape(height, 3 * width)
     down, across = height / rows, width / columns
     shares = np.zeros((columns, int(across) + 2), np.float32)  # of each pixel in its column
@@ -141,11 +136,13 @@ def _put_area_means(image: Records, out: Records) -> None:
                 green += share * line[3 * x + 1]
                 blue += share * line[3 * x + 2]
             out[row, column, 0], out[row, column, 1], out[row, column, 2] = red, green, blue
+    return out
 
 
 @compiled
-def _put_lit(untouched: Records, light: Light, out: Levels) -> None:
+def _change(image: Records, untouched: Records, light: Light) -> Records:
     rows, columns, channels = untouched.shape
+    out = np.empty((rows, columns, channels), np.float32)
     for row in range(rows):
         down = 2.0 * (row + 0.5) / rows - 1.0
         for column in range(columns):
@@ -153,7 +150,8 @@ def _put_lit(untouched: Records, light: Light, out: Levels) -> None:
             for channel in range(channels):
                 part = light[channel, 0] + light[channel, 1] * right + light[channel, 2] * down
                 part = np.float32(min(max(part, _DIMMEST), _BRIGHTEST))
-                out[row, column, channel] = part * untouched[row, column, channel]
+                out[row, column, channel] = image[row, column, channel] - part * untouched[row, column, channel]
+    return out
 
 
 @partial(compiled, fastmath={"reassoc"})  # sums may be taken in any order, and so several terms at a time

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.touch.background import Background, SteadyImages, has_markers, without_markers
+from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, Calibration, check_view, misfit
 from palpate.touch.cells import (
     SPARSE,
     Image,
     Levels,
-    area_means,
     cells_of,
     check_image,
     compare,
@@ -54,10 +53,8 @@ class ContactDetector:
         """Take the sensor's profile; raises SettingError if the calibration has images of another size."""
         if calibration is not None and (wrong := misfit(calibration, sensor)):
             raise SettingError(wrong)
-        # Compile or load these now, not at a robot's first image.
-        area_means(np.zeros((1, 1, 3), np.uint8), 1, 1)
-        area_means(np.zeros((1, 1, 3), np.float32), 1, 1)
-        compare(np.ones((2, 2, 3), np.float32), np.ones((2, 2, 3), np.float32), np.float32(1.0))
+        # Compile or load all that reads images now, not at a robot's first one.
+        cells_of(background_of([np.zeros((1, 1, 3), np.uint8)]).mean)
         self.background: Background | None = None
         """The untouched gel as known now; None while the first images are collected."""
         self.share = 0.0
@@ -97,7 +94,7 @@ class ContactDetector:
             image = self._view.of(image)
         if self._size and image.shape[:2] != self._size:
             image = scaled(image, self._size)
-        if self.background is None and self._steady.is_empty:
+        if self.background is None and not self._steady.seen:
             self._has_markers = has_markers(image)
         return without_markers(image) if self._has_markers else image
 
@@ -133,7 +130,7 @@ class ContactDetector:
     def forget(self) -> None:
         """Take the next images as untouched: a supposed touch is a gel or a light that has changed."""
         self.background, self._touched, self._doubted, self.sees_new_view = None, False, "", False
-        self._steady.forget()
+        self._steady.seen.clear()
 
     def _use(self, background: Background) -> None:
         self.background = background
@@ -158,7 +155,7 @@ class ContactDetector:
         """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""
         shows_gel = share <= (_NO_GEL_IN_DOUBT if self._doubted else _NO_GEL)
         if shows_gel:
-            self._steady.forget()
+            self._steady.seen.clear()
             self.sees_new_view = False
         elif self._is_view_checked and not self._doubted and not is_flat(cells):
             self.sees_new_view = self._steady.add(image) is not None or self.sees_new_view

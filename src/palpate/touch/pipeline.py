@@ -107,21 +107,19 @@ class TouchReader:
         if self._mean is None:
             self._mean = reduced(background.mean)
         reading = self._model.read(difference_in_light(frame.image, self._mean))
-        offset, factors = self._correction.offset / self._on_gel, self._factors
-        scale = self._correction.scale / self._on_gel
+        offset, scale = self._correction.offset / self._on_gel, self._correction.scale / self._on_gel
         found: list[Measurement] = []
-        angle, variance, *_ = reading["direction"]
-        found.append(ContactDirection((angle - offset) / scale, variance * factors["direction"] / scale**2))
-        if "place" in reading:
-            place, variance, *_ = reading["place"]
-            found.append(ContactPlace(place, variance * factors["place"]))
-        if "turn" in reading:
-            angle, variance, *_ = reading["turn"]
-            found.append(Turn(angle / scale, variance * factors["turn"] / scale**2))
-        if "corner" in reading:
-            angle, variance, slope, log_odds = reading["corner"]
-            if log_odds > CORNER_LOGIT:
-                found.append(ContactCorner(angle, variance * factors["corner"], slope))
+        for name in (each for each in ("direction", "place", "turn", "corner") if each in reading):
+            mean, variance, *more = reading[name]
+            variance *= self._factors[name]
+            if name == "direction":
+                found.append(ContactDirection((mean - offset) / scale, variance / scale**2))
+            elif name == "place":
+                found.append(ContactPlace(mean, variance))
+            elif name == "turn":
+                found.append(Turn(mean / scale, variance / scale**2))
+            elif more[1] > CORNER_LOGIT:
+                found.append(ContactCorner(mean, variance, more[0]))
         return found
 
     def end_contact(self) -> None:

@@ -82,35 +82,34 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     A ruler is two edges or balls of one kind, pressed in side by side along the image's columns, `length` [m] apart on
     the gel. Raises FileError where the image does not show two imprints.
     """
-    untouched = calibration.background
+    from scipy.ndimage import gaussian_filter1d
+
     if sensor.pixel_pitch is None:
         raise FileError(f"a ruler measures images of a pad, and {sensor.name!r} has none")
     rows, columns = max(image.shape[0] // 10, 1), image.shape[1]
-    change = area_means(image, rows, columns) - area_means(untouched.mean, rows, columns)
-    profile, near = change.sum(axis=0), np.arange(-0.02 * columns, 0.02 * columns + 1.0)
-    smooth = np.exp(-0.5 * np.square(near / (0.008 * columns)))  # two pixels of a DIGIT
-    profile = np.stack([np.convolve(channel, smooth, "same") for channel in profile.T])
+    change = area_means(image, rows, columns).sum(axis=0) - area_means(calibration.background.mean, rows, columns).sum(
+        axis=0
+    )
+    profile = gaussian_filter1d(change, 0.008 * columns, axis=0, mode="constant")  # by two pixels of a DIGIT
+    alike = np.sum([np.correlate(channel, channel, "full")[columns - 1 :] for channel in profile.T], axis=0)
+    alike *= 2.0 / max(alike[0], 1e-9)
     least, most = (round(length / (share * sensor.pixel_pitch)) for share in (MOST_PITCH, LEAST_PITCH))
-    shifts = np.arange(max(least, 1), min(most, round(0.9 * columns)) + 1)
-    if len(shifts) < 3:
+    least, most = max(least, 1), min(most, round(0.9 * columns))  # columns between two imprints
+    if most - least < 2:
         found = f"a ruler of {1e3 * length:g} mm is not what an image of {sensor.name!r} shows"
         raise FileError(f"{found}, some {1e3 * sensor.pixel_pitch * columns:.0f} mm")
-    alike = [
-        2.0 * np.sum(profile[:, :-each] * profile[:, each:]) / max(np.sum(np.square(profile)), 1e-9) for each in shifts
-    ]
-    best = int(np.argmax(alike))
-    if not alike[best] > _ALIKE or best in (0, len(shifts) - 1):
+    best = least + int(np.argmax(alike[least : most + 1]))
+    if not alike[best] > _ALIKE or best in (least, most):
         raise FileError(
             f"found no two imprints of the ruler side by side {1e3 * length:g} mm apart: are they one, or is the "
             "length another?"
         )
     before, top, after = alike[best - 1 : best + 2]
-    shift = shifts[best] + 0.5 * (before - after) / (before - 2.0 * top + after)
+    shift = best + 0.5 * (before - after) / (before - 2.0 * top + after)
     # Rendered edges are found 2 % too near to each other, and balls 2 to 5 %, as their inner flanks show more.
     pitch, sigma = length / float(1.03 * shift), math.hypot(_RULER[0], _RULER[1] / length)
-    found = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
     direction = DirectionCorrection(scale_sigma=math.hypot(_OTHER_OBJECTS, sigma))
-    return replace(found, direction=direction)
+    return replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma, direction=direction)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,18 +261,18 @@ def _fit(
     of_offset = 1.0 if presses.are_relative else _OFFSET  # [rad]
     of_scale = math.hypot(_SCALE, unit.pixel_pitch_sigma)
     variance = variance * model.settings.spread["direction"].scale + (_TRUTH if is_measured else _IMPRINT) ** 2
-    # measured = offset + scale true, with priors on both.
-    design = np.stack([np.ones_like(measured), angle], axis=1)
-    prior = np.array([0.0, 1.0]), np.diag([of_offset**-2, of_scale**-2])
-    information = prior[1] + design.T @ (design / variance[:, None])
-    offset, scale = np.linalg.solve(information, prior[1] @ prior[0] + design.T @ (measured / variance))
-    off = measured - offset - scale * angle
-    cost = off @ (off / variance) + (offset / of_offset) ** 2 + ((scale - 1.0) / of_scale) ** 2 + np.log(variance).sum()
-    log_likelihood, scatter = -0.5 * float(cost), float(np.sqrt(np.mean(off**2)))
+    # measured = offset + scale true, with priors on both as two more rows.
+    weight = 1.0 / np.sqrt(np.append(variance, (of_offset**2, of_scale**2)))
+    design = np.stack([np.append(np.ones_like(angle), (1.0, 0.0)), np.append(angle, (0.0, 1.0))], axis=1)
+    rows, wanted = weight[:, None] * design, weight * np.append(measured, (0.0, 1.0))
+    offset, scale = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    off = wanted - rows @ (offset, scale)
+    log_likelihood = -0.5 * float(off @ off + np.log(variance).sum())
+    scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * angle))))
     correction = calibration.direction
     if is_measured:
         inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
-        sigmas = np.sqrt(np.diagonal(np.linalg.inv(information))) * inflation
+        sigmas = np.sqrt(np.diagonal(np.linalg.inv(rows.T @ rows))) * inflation
         scale_sigma = math.hypot(sigmas[1], _OTHER_OBJECTS)
         correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), scale_sigma)
         if presses.are_relative:

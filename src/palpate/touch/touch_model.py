@@ -59,9 +59,7 @@ def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference) -> D
 
     The background is taken in the light of the image, which may have changed.
     """
-    change = change_in_light(reduced(image), reduced_mean, _LIGHT_COLUMNS)
-    change /= np.float32(LEVELS)
-    return change
+    return change_in_light(reduced(image), reduced_mean, _LIGHT_COLUMNS) / np.float32(LEVELS)
 
 
 @dataclass(frozen=True)

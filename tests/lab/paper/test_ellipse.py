@@ -11,6 +11,7 @@ from palpate import DIGIT, Background
 from palpate.lab.paper.images import ellipse_features, patch_outline
 from palpate.lab.simulate.gel import touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
+from palpate.touch.background import background_of
 
 
 @pytest.fixture(scope="module")
@@ -19,15 +20,14 @@ def units() -> list[SensorUnit]:
 
 
 def untouched(unit: SensorUnit) -> Background:
-    mean = unit.no_contact.astype(np.float32)
-    return Background(mean, np.full(mean.shape, unit.noise, np.float32))
+    return background_of([unit.no_contact])
 
 
 def drawn(column: float, row: float, major: float, minor: float, angle: float) -> tuple[np.ndarray, Background]:
     image = np.full((320, 240, 3), 100, np.uint8)
     axes = (round(major / 2), round(minor / 2))
     cv2.ellipse(image, (round(column), round(row)), axes, math.degrees(angle), 0, 360, (160, 140, 120), -1)
-    return image, Background(np.full(image.shape, 100.0, np.float32), np.ones(image.shape, np.float32))
+    return image, background_of([np.full(image.shape, 100, np.uint8)])
 
 
 def patch_center(image: np.ndarray, background: Background) -> np.ndarray:
@@ -65,7 +65,7 @@ def test_a_ring_is_filled_in_images_of_any_size():
         image = np.full((size, size, 3), 100, np.uint8)
         place = (round(0.6 * size), round(0.4 * size))
         cv2.circle(image, place, size // 5, (180, 180, 180), max(2, size // 20))
-        background = Background(np.full(image.shape, 100.0, np.float32), np.ones(image.shape, np.float32))
+        background = background_of([np.full(image.shape, 100, np.uint8)])
         assert patch_center(image, background) == pytest.approx(place, abs=0.01 * size)
         column, _, major, minor, _, _ = ellipse_features(image, background)
         assert (column, major, minor) == pytest.approx((0.6, 0.44, 0.44), abs=0.04)

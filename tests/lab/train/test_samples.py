@@ -196,7 +196,7 @@ def test_images_of_a_unit_are_seen_as_its_calibration_says():
     plain = samples_of(plainly)
     view = CameraView(quarter_turns=2, channels=(2, 1, 0))  # turned back by the same
     turned = tuple(encode_image(view.of(frame.image), "png") for frame in plainly if frame.image is not None)
-    untouched = Background(np.full((64, 128, 3), 100.0, np.float32), np.ones((64, 128, 3), np.float32))
+    untouched = Background(np.full((64, 128, 3), 100.0, np.float32), np.ones((30, 60, 3), np.float32))
     unit = Calibration(untouched, view, DirectionCorrection(0.02, 0.9))
     found = samples_of(dataclasses.replace(plainly, image=turned), calibration=unit)
     assert np.array_equal(found.difference, plain.difference)
