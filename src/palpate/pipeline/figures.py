@@ -48,7 +48,7 @@ def own_style(**settings: Any) -> Iterator[None]:
 
     with mpl.rc_context():
         mpl.rcdefaults()
-        mpl.rcParams.update(settings)
+        mpl.rcParams.update(settings)  # pyright: ignore[reportCallIssue, reportArgumentType]
         yield
 
 
