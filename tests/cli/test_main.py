@@ -83,11 +83,13 @@ def test_errors_and_exit_codes(run_palpate, monkeypatch):
         run_palpate("info", "push.mcap")
 
 
-def test_demo_runs_twice_and_names_its_recording(succeeds, json_of, monkeypatch):
+def test_demo_replaces_its_run_and_names_its_recording(succeeds):
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    Path("demo-run").mkdir()
+    Path("demo-run/summary.json").write_text("an earlier one")
     out = succeeds("demo")
     assert "final_translation_error_mm" in out and str(Path("demo-run/figure.png")) in out
-    found, settings = json_of("demo"), json.loads(Path("demo-run/settings.json").read_text())
+    found, settings = (json.loads(Path("demo-run", f"{name}.json").read_text()) for name in ("summary", "settings"))
     assert (found["frames"], found["tactile"]) == (450, "learnt")
     assert palpate.load_recording("demo-run/recording.mcap").source == settings["source"]
 

@@ -66,11 +66,10 @@ _SHARED = (DIRECTION_BIAS, DIRECTION_SCALE, DEPTH, OUTLINE_SCALE)
 _COLUMNS = [IN_OBJECT[one].start for one in _SHARED]
 _MOUNTED, _OUTLINES = 0.0175, 0.015  # [rad], share: deviations of a mounting's yaw and of outlines' size
 _OUTSIDE = np.array([(0.0, 1e-3), (0.03, 0.05)])  # [m], [s]: sideways and delay of a usual robot
-_SHOWS_LATE = np.array([0.0, 0.05])  # [s] by which a touch shows late in images that are not
-_MIDDLE, _STEP = _SHOWS_LATE, np.array([1e-3, 0.05])  # [m], [s] of the fits
-_Joint = tuple[float, Array, Array, Array, float]
-"""Cost, mean (4,) and covariance (4, 4) of the shared variables, means and deviations by each push alone (N, 4, 2), and
-the chi-square of these about the mean."""
+_SHOWS_LATE = 0.05  # [s] by which a touch shows late in images that are not
+_STEP = np.array([1e-3, 0.05])  # [m], [s] between the fits
+_Fit = tuple[float, Array, Array]
+"""Cost, mean (4,) and covariance (4, 4) of the shared variables."""
 _APART = 4.0  # misfit from which pushes are not of one robot
 
 
@@ -148,56 +147,49 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     Pushes whose graphs have no solution are left out, with a warning. Raises FileError if fewer than FEWEST are left,
     or if they are of several sensors or robots.
     """
-    if len(pushes) < FEWEST:
-        raise FileError(f"found {len(pushes)} pushes; at least {FEWEST} are needed")
-    sensor, names = pushes[0].recording.sensor, sorted({push.recording.sensor.name for push in pushes})
-    if len(names) > 1:
+    if len(names := sorted({push.recording.sensor.name for push in pushes})) > 1:
         raise FileError(f"the pushes are of several sensors, {', '.join(names)}; allowed is one")
-    unit, direction = calibrated(sensor, calibration), calibration.direction
+    sensor, direction = pushes[0].recording.sensor, calibration.direction
+    unit = calibrated(sensor, calibration)
     noise = with_correction(NoiseSettings(), direction, unit.pixel_pitch_sigma)
     bias = math.hypot(noise.priors.direction_bias[1], _MOUNTED)
     noise = replace(noise, priors=replace(noise.priors, direction_bias=(0.0, bias), outline_scale=(0.0, _OUTLINES)))
     before = np.array([*(getattr(noise.priors, one.name) for one in _SHARED), *_OUTSIDE])
 
-    unsolved: set[int] = set()
-
-    def fit(outside: Array) -> _Joint:
-        found = []
-        for index, push in enumerate(pushes):
-            try:
-                found.append(_fitted(push, outside, noise))
-            except EstimationError:
-                unsolved.add(index)
-        if not found:
-            raise FileError("none of the pushes has a solution: are first poses and outlines right?")
-        return _joined(found, before[:4])
-
     # A quadratic through the costs of nine fits, about which the shared variables are linear.
     steps = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(9, 2)
+    solved: list[Push] = []
+    fits: list[list[_Fit]] = []
+    for push in pushes:
+        try:
+            fits.append([_fitted(push, step * _STEP, noise) for step in steps])
+            solved.append(push)
+        except EstimationError as error:
+            logger.warning("%s: is left out (%s)", push.recording.file, error)
+    if len(solved) < FEWEST:
+        raise FileError(
+            f"found {len(solved)} pushes; at least {FEWEST} are needed, from first poses and with outlines that fit"
+        )
+    costs, means, _ = zip(*(_joined(at_step, before[:4]) for at_step in zip(*fits, strict=True)), strict=True)
     products = steps[:, [0, 0, 1]] * steps[:, [0, 1, 1]] * (0.5, 1.0, 0.5)
-    costs, means, *_ = zip(*(fit(_MIDDLE + step * _STEP) for step in steps), strict=True)
-    _, *slope, aa, ab, bb = np.linalg.lstsq(
-        np.column_stack([np.ones(9), steps, products]), np.array(costs), rcond=None
-    )[0]
+    basis = np.column_stack([np.ones(9), steps, products])
+    _, *slope, aa, ab, bb = np.linalg.lstsq(basis, np.array(costs), rcond=None)[0]
     values, vectors = np.linalg.eigh([(aa, ab), (ab, bb)])
-    known = np.diag(np.square(_STEP / _OUTSIDE[:, 1]))
-    spread = np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + known)
-    move = np.clip(spread @ (known @ ((_OUTSIDE[:, 0] + _SHOWS_LATE - _MIDDLE) / _STEP) - slope), -1.5, 1.5)
-    cost, mean, covariance, each, chi_square = fit(_MIDDLE + move * _STEP)
-    if unsolved:
-        names = ", ".join(str(pushes[index].recording.file) for index in sorted(unsolved))
-        logger.warning("left out, since the graph of a contact has no solution: %s", names)
-        return learn_from_pushes([push for index, push in enumerate(pushes) if index not in unsolved], calibration)
+    known = np.square(_STEP / _OUTSIDE[:, 1])
+    spread = np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + np.diag(known))
+    move = np.clip(spread @ (known * (_OUTSIDE[:, 0] / _STEP) - slope), -1.5, 1.5)
+    each = [_fitted(push, move * _STEP, noise) for push in solved]
+    cost, mean, covariance = _joined(each, before[:4])
     if (np.abs(move) == 1.5).any():
         logger.warning(
             "sensor or images are off by more than 1.5 mm or 75 ms: correct sensor_T_gel or time_offset first"
         )
     mirrored = math.inf
     with suppress(EstimationError):
-        mirrored = sum(_fitted(push, _MIDDLE, noise, sign=-1.0)[0] for push in pushes)
+        mirrored = sum(_fitted(push, np.zeros(2), noise, sign=-1.0)[0] for push in solved)
     if mirrored < cost - LEFT_OR_RIGHT:
         raise FileError("the images fit these pushes only with left and right exchanged: --orientation mirrored or 180")
-    misfit = chi_square / (4.0 * (len(pushes) - 1.0))
+    misfit = sum(_chi_square(one, mean) for one in each) / (4.0 * (len(each) - 1.0))
     if misfit > _APART:
         raise FileError(
             f"the pushes do not belong together: they differ by {misfit:.1f} times what their errors allow, and "
@@ -206,9 +198,8 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     by_step = np.array(means).T @ steps / np.square(steps).sum(axis=0)
     inside = np.diagonal(covariance + by_step @ spread @ by_step.T)
     sigmas = np.sqrt(max(misfit, 1.0) * np.append(inside, np.diagonal(spread) * np.square(_STEP)))
-    found = np.append(mean, _MIDDLE + move * _STEP - _SHOWS_LATE)
-    found[5] = max(found[5], 0.0)
-    after = np.column_stack([found, np.minimum(sigmas, before[:, 1])])
+    after = np.column_stack([np.append(mean, move * _STEP), np.minimum(sigmas, before[:, 1])])
+    after[5, 0] = max(after[5, 0], 0.0)
     offset, scale, depth, outline, sideways, delay = map(tuple, after.tolist())
     factor = direction.scale / (1.0 - scale[0])
     if not LEAST_PITCH < unit.shown / sensor.shown / factor < MOST_PITCH:
@@ -219,17 +210,18 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         set_up=SetUp(sideways, delay, depth, outline),
         is_view_known=calibration.is_view_known or cost < mirrored - LEFT_OR_RIGHT,
     )
-    return PushFit(learnt, before, after, each, misfit)
+    by_each = np.array([np.column_stack([mean, np.sqrt(np.diagonal(spread))]) for _, mean, spread in each])
+    return PushFit(learnt, before, after, by_each, misfit)
 
 
-def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0) -> tuple[float, Array, Array]:
-    """Return the cost of a push, and mean (4,) and covariance (4, 4) of the shared variables after it.
+def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0) -> _Fit:
+    """Return the fit of a push alone.
 
     `outside` are the sensor's place [m] and the delay [s]. Raises EstimationError where a graph has no solution.
     """
     recording = push.recording
     poses = se2.compose(recording.sensor_pose, (0.0, -outside[0], 0.0))
-    poses = se2.interpolated(recording.time - outside[1], recording.time, poses)
+    poses = se2.interpolated(recording.time - outside[1] - _SHOWS_LATE, recording.time, poses)
     model, priors = contact_model(recording.shape, recording.sensor), noise.priors
     factors, (first, sigma) = make_factors(noise, model), first_pose_of(recording, noise)
     joint = np.diag(np.square([*sigma, *priors.deviation]))
@@ -252,14 +244,18 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
     return cost, last.values[0, _COLUMNS], last.covariance[0, 3:, 3:][np.ix_(_COLUMNS, _COLUMNS)]
 
 
-def _joined(fits: Sequence[tuple[float, Array, Array]], prior: Array) -> _Joint:
+def _joined(fits: Sequence[_Fit], prior: Array) -> _Fit:
     """Return the joint fit of all pushes, each with the same prior (4, 2), which counts once."""
-    known, (costs, means, covariances) = np.diag(prior[:, 1] ** -2.0), zip(*fits, strict=True)
-    informations = np.linalg.inv(covariances)
-    again = len(fits) - 1.0  # times that the prior counts too often
-    covariance = np.linalg.inv(informations.sum(axis=0) - again * known)
-    mean = covariance @ (np.einsum("nij,nj->i", informations, means) - again * known @ prior[:, 0])
-    chi_square = float(np.einsum("ni,nij,nj->", mean - means, informations, mean - means))
-    cost = sum(costs) + 0.5 * (chi_square - again * float(np.square((mean - prior[:, 0]) / prior[:, 1]).sum()))
-    deviations = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
-    return cost, mean, covariance, np.stack([means, deviations], axis=-1), chi_square
+    known, again = prior[:, 1] ** -2.0, len(fits) - 1.0  # times that the prior counts too often
+    informations = [np.linalg.inv(covariance) for _, _, covariance in fits]
+    covariance = np.linalg.inv(sum(informations) - again * np.diag(known))
+    pull = sum(information @ mean for information, (_, mean, _) in zip(informations, fits, strict=True))
+    mean = covariance @ (pull - again * known * prior[:, 0])
+    chi_square = sum(_chi_square(fit, mean) for fit in fits) - again * known @ np.square(mean - prior[:, 0])
+    return sum(fit[0] for fit in fits) + 0.5 * float(chi_square), mean, covariance
+
+
+def _chi_square(fit: _Fit, mean: Array) -> float:
+    """Return the chi-square of a fit about a mean."""
+    off = fit[1] - mean
+    return float(off @ np.linalg.solve(fit[2], off))
