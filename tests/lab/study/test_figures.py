@@ -10,10 +10,15 @@ from recording_samples import pushed
 import palpate
 
 
+def blind() -> palpate.Recording:
+    """Return a push without ground truth, of which no figure is drawn."""
+    return replace(pushed(20), object_pose=None, first_pose=np.zeros(3))
+
+
 def test_figures_are_of_the_recordings_with_truth(tmp_path, run_palpate):
     folder, out = tmp_path / "recordings", tmp_path / "out"
     folder.mkdir()
-    palpate.write_recording(replace(pushed(20), object_pose=None, first_pose=np.zeros(3)), folder / "blind-1.mcap")
+    palpate.write_recording(blind(), folder / "blind-1.mcap")
     words = ("evaluate", folder, "--tactile", "none", "oracle", "--out", out)
     assert run_palpate(*words)[0] == 0 and not (out / "figures").exists()
     for name, frames in (("disc-1.mcap", 40), ("disc-2.mcap", 60), ("edges-1.mcap", 50)):
@@ -35,7 +40,7 @@ def test_groups_are_folders_or_names_without_their_number(tmp_path, run_palpate)
     }
     for name in groups:
         (tmp_path / "all" / name).parent.mkdir(parents=True, exist_ok=True)
-        palpate.write_recording(pushed(20), tmp_path / "all" / name)
+        palpate.write_recording(blind(), tmp_path / "all" / name)
     assert run_palpate("evaluate", tmp_path / "all", "--tactile", "none", "--out", tmp_path / "out")[0] == 0
     table = (tmp_path / "out/sequences.csv").read_text()
     assert {
