@@ -66,7 +66,6 @@ _SHARED = (DIRECTION_BIAS, DIRECTION_SCALE, DEPTH, OUTLINE_SCALE)
 _COLUMNS = [IN_OBJECT[one].start for one in _SHARED]
 _MOUNTED, _OUTLINES = 0.0175, 0.015  # [rad], share: deviations of a mounting's yaw and of outlines' size
 _OUTSIDE = np.array([(0.0, 1e-3), (0.03, 0.05)])  # [m], [s]: sideways and delay of a usual robot
-_SHOWS_LATE = 0.05  # [s] by which a touch shows late in images that are not
 _STEP = np.array([1e-3, 0.05])  # [m], [s] between the fits
 _Fit = tuple[float, Array, Array]
 """Cost, mean (4,) and covariance (4, 4) of the shared variables."""
@@ -221,7 +220,8 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
     """
     recording = push.recording
     poses = se2.compose(recording.sensor_pose, (0.0, -outside[0], 0.0))
-    poses = se2.interpolated(recording.time - outside[1] - _SHOWS_LATE, recording.time, poses)
+    shows_late = 0.05  # [s] by which a touch does in images that are not late
+    poses = se2.interpolated(recording.time - outside[1] - shows_late, recording.time, poses)
     model, priors = contact_model(recording.shape, recording.sensor), noise.priors
     factors, (first, sigma) = make_factors(noise, model), first_pose_of(recording, noise)
     joint = np.diag(np.square([*sigma, *priors.deviation]))
@@ -248,7 +248,7 @@ def _joined(fits: Sequence[_Fit], prior: Array) -> _Fit:
     """Return the joint fit of all pushes, each with the same prior (4, 2), which counts once."""
     known, again = prior[:, 1] ** -2.0, len(fits) - 1.0  # times that the prior counts too often
     informations = [np.linalg.inv(covariance) for _, _, covariance in fits]
-    covariance = np.linalg.inv(sum(informations) - again * np.diag(known))
+    covariance = np.linalg.inv(np.sum(informations, axis=0) - again * np.diag(known))
     pull = sum(information @ mean for information, (_, mean, _) in zip(informations, fits, strict=True))
     mean = covariance @ (pull - again * known * prior[:, 0])
     chi_square = sum(_chi_square(fit, mean) for fit in fits) - again * known @ np.square(mean - prior[:, 0])
