@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Array, Flags
 from palpate.errors import FileError, one_line
 
 # The kinds of NumPy types a field may have, and their name in an error.
@@ -52,14 +53,14 @@ def without_gradient(value: Any) -> Any:
     return value
 
 
-def check_rows(name: str, values: NDArray[Any], good: np.bool_ | NDArray[np.bool_], allowed: str) -> None:
+def check_rows(name: str, values: NDArray[Any], good: np.bool_ | Flags, allowed: str) -> None:
     """Raise FileError that names the first frame where `good` is false, its value and what is allowed."""
     if not np.all(good):
         index = int(np.argmin(good))
         raise FileError(f"{name}: frame {index} is {values[index].tolist()}, allowed is {allowed}")
 
 
-def checked_times(time: Any) -> NDArray[np.float64]:
+def checked_times(time: Any) -> Array:
     """Return times as floats (N,) [s], one or more, finite and strictly increasing. Raises FileError."""
     given = checked_array("time", time, NUMBERS, ("N",)).astype(np.float64)
     if not len(given):
@@ -78,7 +79,7 @@ def checked_times(time: Any) -> NDArray[np.float64]:
     return given
 
 
-def checked_poses(name: str, poses: Any, n: int, may_be_unknown: bool = False) -> NDArray[np.float64]:
+def checked_poses(name: str, poses: Any, n: int, may_be_unknown: bool = False) -> Array:
     """Return n poses in the plane as floats (n, 3); unknown ones are three NaN. Raises FileError."""
     given = checked_array(name, poses, NUMBERS, (n, 3)).astype(np.float64)
     good, allowed = is_near(given).all(axis=1), f"three numbers up to {FARTHEST:g}"
@@ -96,12 +97,12 @@ def checked_number(value: Any, least: float, most: float, kind: type = Real) -> 
     return int(value) if kind is Integral else float(value)  # pyright: ignore[reportArgumentType]
 
 
-def is_near(values: NDArray[Any]) -> NDArray[np.bool_]:
+def is_near(values: NDArray[Any]) -> Flags:
     """Return flags of numbers that are finite and possible as a position or length [m]."""
     return np.abs(values) <= FARTHEST
 
 
-def check_metres(name: str, position: NDArray[np.float64]) -> None:
+def check_metres(name: str, position: Array) -> None:
     """Raise FileError if positions (N, 2 or 3) spread wider than any push [m]."""
     finite = position[np.isfinite(position).all(axis=1)]
     span = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0

@@ -10,12 +10,12 @@ import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from palpate.errors import FileError, PalpateError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 def existing_file(path: Path | str) -> Path:
@@ -44,7 +44,7 @@ def new_file(path: Path | str, overwrite: bool = False) -> Path:
     if not path.parent.is_dir():
         raise FileError(f"{path}: the folder {path.parent} does not exist")
     if path.exists() and not overwrite:
-        raise FileError(f"{path}: already exists; overwrite=True replaces it")
+        raise FileError(f"{path}: already exists; --force replaces it, in Python overwrite=True")
     return path
 
 
@@ -178,8 +178,10 @@ def read_json(path: Path | str) -> dict[str, Any]:
     return json_object(read_text(path), str(path))
 
 
-def read_arrays(path: Path | str) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path | str) -> "dict[str, NDArray[Any]]":
     """Return the arrays of a NumPy archive (.npz) by name. Raises FileError."""
+    import numpy as np
+
     path = existing_file(path)
     try:
         with np.load(path, allow_pickle=False) as archive:

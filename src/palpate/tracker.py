@@ -257,8 +257,6 @@ def warm_up() -> None:
 
 def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:
     """Raise SettingError or ShapeError unless all are of the right kind and unit; all but the first may be None."""
-    if not isinstance(shape, Shape):
-        raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
     check_outline(shape)
     for name, found, kind, maker in (
         ("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)"),

@@ -74,11 +74,11 @@ def test_errors_and_exit_codes(run_palpate, monkeypatch):
 
         return load
 
-    monkeypatch.setattr("palpate.io.load_recording", raising(KeyboardInterrupt()))
+    monkeypatch.setattr("palpate.load_recording", raising(KeyboardInterrupt()))
     assert run_palpate("info", "push.mcap")[0] == 130
-    monkeypatch.setattr("palpate.io.load_recording", raising(OSError("disk is gone")))
+    monkeypatch.setattr("palpate.load_recording", raising(OSError("disk is gone")))
     assert run_palpate("info", "push.mcap") == (2, "", "palpate: disk is gone\n")
-    monkeypatch.setattr("palpate.io.load_recording", raising(ZeroDivisionError()))
+    monkeypatch.setattr("palpate.load_recording", raising(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):  # a bug keeps its traceback
         run_palpate("info", "push.mcap")
 

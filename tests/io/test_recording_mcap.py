@@ -95,7 +95,7 @@ def test_a_write_that_fails_leaves_nothing(tmp_path):
         palpate.write_recording(recording(time=3e9 + np.arange(12)), tmp_path / "a.mcap")
     assert list(tmp_path.iterdir()) == []
     palpate.write_recording(recording(5), tmp_path / "a.mcap")
-    with pytest.raises(FileError, match=r"a\.mcap: already exists; overwrite=True replaces it"):
+    with pytest.raises(FileError, match=r"a\.mcap: already exists; .*overwrite=True"):
         palpate.write_recording(recording(3), tmp_path / "a.mcap")
     assert len(palpate.load_recording(tmp_path / "a.mcap")) == 5
 

@@ -11,7 +11,7 @@ from view_samples import CAMERA
 
 from palpate import Estimate, FrameError
 from palpate.live.session import LiveSession
-from palpate.live.sources import Clock, Sources, TimedPose, TouchImage
+from palpate.live.sources import Clock, Sources, TimedPose, TouchImage, clock_from
 
 GEL = np.full((CAMERA.image_height, CAMERA.image_width, 3), 90, np.uint8)
 
@@ -31,22 +31,22 @@ class FakeTracker:
         return Estimate(frame.time, np.zeros(3), np.eye(3), False, "resting")
 
 
-def images_at(clock: Clock, times: Any) -> Any:
+def images_at(now: Clock, times: Any) -> Any:
     def images(stop: threading.Event) -> Iterator[TouchImage]:
         for when in times:
-            if stop.wait(max(0.0, when - clock.now())):
+            if stop.wait(max(0.0, when - now())):
                 return
             yield TouchImage(when, GEL)
 
     return images
 
 
-def poses_at(clock: Clock, times: Any) -> Any:
+def poses_at(now: Clock, times: Any) -> Any:
     """A source of poses whose x is the time."""
 
     def poses(stop: threading.Event) -> Iterator[TimedPose]:
         for when in times:
-            if stop.wait(max(0.0, when - clock.now())):
+            if stop.wait(max(0.0, when - now())):
                 return
             yield TimedPose(when, np.array([when, 0.0, 0.0]))
 
@@ -56,9 +56,9 @@ def poses_at(clock: Clock, times: Any) -> Any:
 def run(tracker: Any, images: Any, poses: Any, listen: Any = None) -> tuple[LiveSession, list[str]]:
     """The session of sources, or of times [s] at which images and poses arrive; and what the user is told."""
     notes: list[str] = []
-    clock = Clock(0.0)
-    images = images if callable(images) else images_at(clock, images)
-    session = LiveSession(tracker, Sources(images, poses_at(clock, poses), clock.now, CAMERA), notes.append)
+    now = clock_from(0.0)
+    images = images if callable(images) else images_at(now, images)
+    session = LiveSession(tracker, Sources(images, poses_at(now, poses), now, CAMERA), notes.append)
     session.run(threading.Event(), listen)
     counts = session.counts
     ends = ("tracked", "dropped", "without_pose", "left_out")

@@ -12,13 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
-from palpate.errors import FileError, SettingError
+import palpate
+from palpate.errors import SettingError
 
 if TYPE_CHECKING:
-    from palpate.config import TrackerSettings
-    from palpate.touch.calibration import Calibration
-    from palpate.touch.touch_model import TouchModel
-    from palpate.types.recording import Recording
     from palpate.types.space import Plane
 
 # The library's choices, repeated here so that --help need not import it.
@@ -89,14 +86,12 @@ class SensorUnit:
     calibration: Annotated[Path | None, arg("UNIT.npz", "the first half second is taken as untouched")] = None
     """Calibration of the sensor unit, from palpate calibrate."""
 
-    def load(self, *tactile: str) -> "tuple[TouchModel | None, Calibration | None]":
+    def load(self, *tactile: str) -> "tuple[palpate.TouchModel | None, palpate.Calibration | None]":
         """Read model and calibration, None where not given. Raises SettingError for a model that no touch uses."""
-        from palpate.touch.calibration import load_calibration
-        from palpate.touch.touch_model import TouchModel
-
         if self.model is not None and not any(mode.startswith(("learnt", "auto")) for mode in tactile):
             raise SettingError(f"--model {self.model} is not used with --tactile {' '.join(tactile)}; use learnt")
-        return self.model and TouchModel(self.model), self.calibration and load_calibration(self.calibration)
+        unit = self.calibration and palpate.load_calibration(self.calibration)
+        return self.model and palpate.TouchModel(self.model), unit
 
 
 @dataclass(frozen=True)
@@ -123,11 +118,11 @@ class Estimator:
     hypotheses: Annotated[int, arg("N")] = 9
     """Largest number of hypotheses kept while touch is ambiguous; more are allowed at the start of a contact."""
 
-    def settings(self, tactile: TactileChoice) -> "TrackerSettings":
+    def settings(self, tactile: TactileChoice) -> "palpate.TrackerSettings":
         """Return the settings of a tracker."""
-        from palpate.config import TrackerSettings, noise_of
+        from palpate.config import noise_of
 
-        return TrackerSettings(tactile, self.smoother, noise_of(self.noise), self.hypotheses)
+        return palpate.TrackerSettings(tactile, self.smoother, noise_of(self.noise), self.hypotheses)
 
 
 @dataclass(frozen=True)
@@ -168,22 +163,20 @@ class Bag:
     off_plane: Annotated[float, arg("METRES")] = 0.01
     """Largest distance of poses from that plane [m]."""
 
-    def read(self, file: Path) -> "tuple[Recording, Plane | None]":
+    def read(self, file: Path) -> "tuple[palpate.Recording, Plane | None]":
         """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
-        from palpate import io as formats
-        from palpate.io.outlines import load_shape
-        from palpate.io.rosbag_recording import BagChoices, read_bag
+        from palpate.io import detect_format
         from palpate.types.sensor import known_sensor
 
         if self.shape is None:
             if self != Bag(orientation=self.orientation):
                 raise SettingError("--sensor, --images and the other options for bags need --shape, too")
-            return formats.load_recording(file, self.orientation), None
-        if formats.detect_format(file) != "bag":
+            return palpate.load_recording(file, self.orientation), None
+        if detect_format(file) != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
-        choices = BagChoices(**{field.name: getattr(self, field.name) for field in fields(BagChoices)})
-        shape, sensor = load_shape(self.shape, self.shape_unit), known_sensor(self.sensor)
-        return read_bag(file, shape, choices, sensor)[:2]
+        choices = palpate.BagChoices(**{each.name: getattr(self, each.name) for each in fields(palpate.BagChoices)})
+        shape, sensor = palpate.load_shape(self.shape, self.shape_unit), known_sensor(self.sensor)
+        return palpate.read_bag(file, shape, choices, sensor)
 
 
 @dataclass(frozen=True)
@@ -194,12 +187,6 @@ class Workers:
     """Processes on this machine."""
     dask: Annotated[str | None, arg("ADDRESS", "none")] = None
     """Address of the scheduler of a Dask cluster, which sees the same files."""
-
-
-def check_new(path: Path, force: bool) -> None:
-    """Raise FileError if a file exists and may not be replaced."""
-    if path.exists() and not force:
-        raise FileError(f"{path}: already exists; --force replaces it")
 
 
 def check_torch(purpose: str, extras: str, *modules: str) -> None:

@@ -4,15 +4,13 @@ import math
 from dataclasses import asdict
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import palpate
 from palpate.cli.console import Report, progress_bar
-from palpate.cli.options import Bag, Force, Orientation, Sensor, arg, check_new
+from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError
-
-if TYPE_CHECKING:
-    from palpate.touch.calibration import Calibration
-    from palpate.types.images import Image
+from palpate.files import in_file, new_file, numbers_of, read_json, whole_file
 
 
 def info(
@@ -29,24 +27,20 @@ def info(
     Args:
         file: A recording in any known format, a bag, a calibration, or the folder of a run.
     """
-    from palpate import io as formats
-    from palpate.files import read_json
     from palpate.geometry.shapes import shape_to_dict
+    from palpate.io import detect_format
     from palpate.pipeline.check_recording import check_recording
 
     if (summary := file / "summary.json").exists():
         return Report(file.name, {"file": str(file), "format": "run", **read_json(summary)})
-    kind = formats.detect_format(file)
-    if kind is None and file.suffix.lower() == ".npz":
-        from palpate.touch.calibration import load_calibration
-
-        about = {"format": "calibration", **about_calibration(load_calibration(file))}
-    elif kind == "bag":
-        with progress_bar(f"inspecting {file.name}"):
+    kind = detect_format(file)
+    with progress_bar(f"inspecting {file.name}"):
+        if kind is None and file.suffix.lower() == ".npz":
+            about = {"format": "calibration", **about_calibration(palpate.load_calibration(file))}
+        elif kind == "bag":
             about = {"format": "bag", **_about_bag(file, sensor, orientation)}
-    else:
-        with progress_bar(f"inspecting {file.name}"):
-            recording = formats.load_recording(file, orientation)
+        else:
+            recording = palpate.load_recording(file, orientation)
             about = {"format": kind, "source": recording.source, "sensor": recording.sensor.name}
             about |= {"shape": shape_to_dict(recording.shape), **check_recording(recording)}
     return Report(file.name, {"file": str(file), **about})
@@ -68,14 +62,12 @@ def convert(
         source: A recording in any known format, or a bag.
         target: File to write, .mcap.
     """
-    from palpate.io.recording_mcap import write_recording
-
     if target.suffix.lower() != ".mcap":
         raise SettingError(f"{target}: extension {target.suffix!r} is of no format to write, allowed is .mcap")
-    check_new(target, force)
+    new_file(target, force)
     with progress_bar(f"converting {source.name}"):
         found = bag.read(source)[0]
-        write_recording(found, target, overwrite=force)
+        palpate.write_recording(found, target, overwrite=force)
     return Report(target.name, {"in": str(source), "out": str(target), "frames": len(found)})
 
 
@@ -98,13 +90,13 @@ def view(
     from palpate.viewer.page import write_page
 
     file = save or folder / PAGE
-    check_new(file, force)
+    new_file(file, force)
     with progress_bar(f"drawing {folder.name}"):
         write_page(read_run(folder), file, force)
     return Report("view", {"file": str(file)})
 
 
-def about_calibration(calibration: "Calibration") -> dict[str, Any]:
+def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
     """Return a calibration as plain data; noise is that of cells of an untouched image over time [grey levels]."""
     import numpy as np
 
@@ -129,17 +121,16 @@ def about_calibration(calibration: "Calibration") -> dict[str, Any]:
 
 def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     """Return the topics of a bag, what tracking would read, and the command that does or why there is none."""
-    from palpate.geometry.shapes import Disc
     from palpate.io.rosbag_reader import contents
-    from palpate.io.rosbag_recording import BagChoices, recording_of
+    from palpate.io.rosbag_recording import recording_of
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import known_sensor
 
-    found, choices, profile = contents(path), BagChoices(orientation=orientation), known_sensor(sensor)
+    found, choices, profile = contents(path), palpate.BagChoices(orientation=orientation), known_sensor(sensor)
     bag: dict[str, Any] = {"topics": [channel._asdict() | each.about() for channel, each in found.topics.items()]}
     bag["frames"] = {child: " or ".join(stream.frames) for child, stream in found.transforms.items()}
     try:
-        recording = recording_of(found, Disc(0.05), choices, profile).recording
+        recording = recording_of(found, palpate.Disc(0.05), choices, profile).recording
     except FileError as error:
         others = "" if sensor != "digit" else "; for images of a GelSight Mini, --sensor gelsight-mini"
         return bag | {"advice": f"{error}{others}"}
@@ -187,28 +178,26 @@ def calibrate(
             images, their first half seconds are the untouched gel.
         model: Folder of the touch model that reads presses and pushes.
     """
-    from palpate import io as formats
-    from palpate.files import in_file, numbers_of, whole_file
     from palpate.pipeline.figures import drawing, push_figure
     from palpate.pipeline.push_calibration import first_images, learn_from_pushes, read_push
     from palpate.touch.background import background_of
-    from palpate.touch.calibration import Calibration, write_calibration
+    from palpate.touch.calibration import write_calibration
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
     from palpate.touch.press_calibration import learn_from_presses, read_presses, untouched_images, with_ruler
-    from palpate.touch.touch_model import TouchModel, shipped_model
+    from palpate.touch.touch_model import shipped_model
     from palpate.types.images import camera_view, fitted, read_image
     from palpate.types.sensor import known_sensor
 
     if (file and untouched) or not (file or untouched or pushes):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
-    check_new(out, force)
-    pushed = [formats.load_recording(each, orientation) for each in pushes]
-    recording = formats.load_recording(file, orientation) if file else None
+    new_file(out, force)
+    pushed = [palpate.load_recording(each, orientation) for each in pushes]
+    recording = palpate.load_recording(file, orientation) if file else None
     profile = (recording or pushed[0]).sensor if recording or pushed else known_sensor(sensor)
     size, view = (profile.image_height, profile.image_width), camera_view(orientation)
 
-    def look(path: Path) -> "Image":
+    def look(path: Path) -> Any:
         with in_file(path):
             return fitted(read_image(path), size, view)
 
@@ -218,10 +207,10 @@ def calibrate(
     scale = (look(ruler[1]), 1e-3 * length[0]) if ruler and length else None
     still = list(untouched_images(recording)) if recording else [look(each) for each in untouched]
     still = still or list(first_images(pushed))
-    reader = TouchModel(model) if model else shipped_model(profile.name) if presses or pushes else None
+    reader = palpate.TouchModel(model) if model else shipped_model(profile.name) if presses or pushes else None
     numbers: dict[str, Any] = {"untouched": len(still)}
     if presses is None:
-        calibration = Calibration(background_of(still))
+        calibration = palpate.Calibration(background_of(still))
         if ruler and scale:
             with in_file(ruler[1]):
                 calibration = with_ruler(calibration, *scale, profile)

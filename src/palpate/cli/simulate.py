@@ -6,9 +6,11 @@ from typing import Annotated, Literal
 
 import tyro
 
+import palpate
 from palpate.cli.console import Report, complain, progress_bar
-from palpate.cli.options import Force, Sensor, ShapeUnit, Workers, arg, check_new
+from palpate.cli.options import Force, Sensor, ShapeUnit, Workers, arg
 from palpate.errors import SettingError
+from palpate.files import in_file, new_file
 
 
 @dataclass(frozen=True)
@@ -64,8 +66,6 @@ def simulate(
         resume: Keep the recordings that are there and make the rest.
     """
     from palpate.geometry.shapes import SHAPES
-    from palpate.io import load_recording
-    from palpate.io.outlines import load_shape
     from palpate.lab.simulate.recordings import SUFFIX, plan, simulate_folder
     from palpate.lab.simulate.replay import replay_folder
     from palpate.types.sensor import known_sensor
@@ -74,7 +74,9 @@ def simulate(
     if replay:
         if pushes != Pushes():
             raise SettingError("--replay takes object and motion from its file; no options of pushes can go with it")
-        recordings = {Path(file.name.removesuffix(".gz")).stem + SUFFIX: load_recording(file) for file in replay}
+        recordings = {
+            Path(file.name.removesuffix(".gz")).stem + SUFFIX: palpate.load_recording(file) for file in replay
+        }
         if len(recordings) < len(replay):
             raise SettingError("--replay: files of one name would give one file; replay them apart")
         with progress_bar("rendering", len(recordings)) as progress:
@@ -85,7 +87,7 @@ def simulate(
             name = Path(given).stem if Path(given).is_file() and given not in SHAPES else given
             if name in shapes:
                 raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
-            shapes[name] = load_shape(given, pushes.shape_unit)
+            shapes[name] = palpate.load_shape(given, pushes.shape_unit)
         given = {name: getattr(pushes, name) for name in ("seconds", "images", "knocks", "ideal")}
         simulations = plan(shapes, pushes.count, seed, unit=unit, sensor=known_sensor(pushes.sensor), **given)
         first, _, machines = (shard or "1/1").partition("/")
@@ -118,11 +120,10 @@ def truth_print(
         shape: The object, as in palpate simulate.
         paper: Paper size.
     """
-    from palpate.io.outlines import load_shape
     from palpate.lab.truth.tags import write_sheets
 
-    check_new(out, force)
-    write_sheets(out, Path(shape).name, load_shape(shape), paper, force)
+    new_file(out, force)
+    write_sheets(out, Path(shape).name, palpate.load_shape(shape), paper, force)
     return Report("sheets", {"file": str(out)}, notes=["Print them at 100 % and measure the line of 100 mm."])
 
 
@@ -139,7 +140,7 @@ def truth_camera(
     """
     from palpate.lab.truth.camera import calibrated, read_video, save_camera
 
-    check_new(out, force)
+    new_file(out, force)
     with progress_bar(f"looking for the board in {video.name}"):
         camera = calibrated(picture for _, picture in read_video(video))
     save_camera(camera, out, force)
@@ -168,19 +169,16 @@ def truth(
     """
     import numpy as np
 
-    from palpate.files import in_file
-    from palpate.io import load_recording
-    from palpate.io.recording_mcap import write_recording
     from palpate.lab.truth.alignment import align, with_truth
     from palpate.lab.truth.camera import load_camera, read_video, track_tags
 
-    check_new(out, force)
-    given, overhead = load_recording(recording), load_camera(camera)
+    new_file(out, force)
+    given, overhead = palpate.load_recording(recording), load_camera(camera)
     with progress_bar(f"looking for tags in {video.name}"), in_file(video):
         tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
         alignment = align(given.time, given.sensor_pose, tag_on_sensor)
     found = with_truth(given, tag_on_object, alignment)
-    write_recording(found, out, overwrite=force)
+    palpate.write_recording(found, out, overwrite=force)
     assert found.object_pose is not None
     summary = {
         "frames": len(found),

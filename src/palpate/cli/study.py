@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import palpate
 from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import (
     NOISE,
@@ -21,6 +22,7 @@ from palpate.cli.options import (
     check_torch,
 )
 from palpate.errors import FileError, SettingError
+from palpate.files import in_file, new_file
 
 if TYPE_CHECKING:
     from palpate.lab.tune.tuning import Tuning
@@ -143,11 +145,9 @@ def train(
         resume: Go on with a training that was cut off.
     """
     check_torch("training", "train", "onnxscript", "torch")
-    from palpate.files import in_file
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.train.train import TrainSettings, train_on_presses
     from palpate.lab.train.train import train as train_model
-    from palpate.touch.calibration import load_calibration
     from palpate.touch.press_calibration import read_presses
     from palpate.types.images import read_image
 
@@ -163,7 +163,7 @@ def train(
         if untouched or sensor:
             raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
         files, tested = list(find_recordings(source).values()), list(find_recordings(test).values()) if test else ()
-        unit = calibration and load_calibration(calibration)
+        unit = calibration and palpate.load_calibration(calibration)
         results = train_model(files, out, settings, progress_bar, start, tested, resume, unit, orientation)
     left_out = results.get("recordings", {}).get("left_out", {})
     for why in left_out.values():
@@ -193,14 +193,13 @@ def tune(
         evaluations: Number of times that all recordings are tracked.
         workers: Processes that share the work.
     """
-    from palpate.config import TrackerSettings, noise_of, write_noise
-    from palpate.files import new_file
+    from palpate.config import noise_of, write_noise
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.tune.recorded_touch import record_touch_of_files
     from palpate.lab.tune.tuning import check_evaluations, is_held_out
     from palpate.lab.tune.tuning import tune as tune_settings
 
-    settings = TrackerSettings(tactile=touch.tactile, noise=noise_of(start))
+    settings = palpate.TrackerSettings(tactile=touch.tactile, noise=noise_of(start))
     check_evaluations(evaluations)
     model, unit = touch.load(touch.tactile)
     if out.exists() and out != Path(start):

@@ -6,13 +6,13 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import palpate
 from palpate.cli.console import Report, complain, progress_bar
-from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg, check_new
+from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg
 from palpate.errors import PalpateError, SettingError
+from palpate.files import new_file
 
 if TYPE_CHECKING:
-    from palpate.pipeline.track import Run
-    from palpate.types.recording import Recording
     from palpate.types.space import Plane
 
 SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
@@ -45,7 +45,6 @@ def track(
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import drawing
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
-    from palpate.pipeline.track import track as track_recording
     from palpate.types.space import flat
     from palpate.viewer.page import write_page
 
@@ -66,14 +65,14 @@ def track(
                     nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
                 plane = (plane or flat()) if mcap else None
 
-                def keep(run: "Run", part: Path = part, plane: "Plane | None" = plane) -> None:
+                def keep(run: "palpate.Run", part: Path = part, plane: "Plane | None" = plane) -> None:
                     if html:
                         with drawing(PAGE):
                             write_page(run, part / PAGE)
                     write_files(run, part, plane)
 
                 with progress_bar(file.name, len(recording)) as progress:
-                    run = track_recording(recording, settings, first_pose, **known, progress=progress, keep=keep)
+                    run = palpate.track(recording, settings, first_pose, **known, progress=progress, keep=keep)
                 keep(run)
             runs[folder] = run.summary
         except PalpateError as error:
@@ -95,20 +94,18 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run")) -> Report:
     Args:
         out: Folder of the run; an earlier run there is replaced.
     """
-    from palpate.config import TrackerSettings
     from palpate.pipeline.run_folder import RECORDING, new_run, write_files
-    from palpate.pipeline.track import track as track_recording
 
     with new_run(out, force=True) as part:
         with progress_bar("simulating", 450) as progress:
             recording = demo_recording(progress)
         with progress_bar("tracking", len(recording)) as progress:
-            run = track_recording(recording, TrackerSettings("learnt"), progress=progress)
+            run = palpate.track(recording, palpate.TrackerSettings("learnt"), progress=progress)
         write_files(run, part)
     return run_report(out, run.summary, f"A DIGIT pushes a rectangle in simulation. The recording: {out / RECORDING}")
 
 
-def demo_recording(progress: Callable[[int], None] | None = None) -> "Recording":
+def demo_recording(progress: Callable[[int], None] | None = None) -> "palpate.Recording":
     """Simulate the push of the demo; `progress` is called with the number of images made."""
     from palpate.geometry.shapes import SHAPES
     from palpate.lab.simulate.recordings import plan
@@ -131,13 +128,12 @@ def warm_up() -> Report:
 
     Example: palpate warm-up
     """
-    from palpate import DIGIT, Disc, Tracker, TrackerSettings
     from palpate.compiled import folder_of
     from palpate.graph.gauss_newton import improve
 
     if (folder := folder_of(improve)) is None:
         raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
-    Tracker(Disc(0.05), DIGIT, None, TrackerSettings("learnt"))
+    palpate.Tracker(palpate.Disc(0.05), palpate.DIGIT, None, palpate.TrackerSettings("learnt"))
     return Report("compiled code", {"folder": str(folder)})
 
 
@@ -166,17 +162,12 @@ def live(
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
         seconds: End after this time [s].
     """
-    from palpate.config import NoiseSettings, TrackerSettings
-    from palpate.io.outlines import load_shape
     from palpate.live.camera import camera_sources
     from palpate.live.session import LiveSession, recorder, stop_on_signals
     from palpate.live.sources import replayed
     from palpate.pipeline.metrics import pose_words, world_sigma
     from palpate.pipeline.track import first_pose_of
     from palpate.touch.calibration import turned_as
-    from palpate.tracker import Tracker
-    from palpate.types.estimate import Estimate
-    from palpate.types.sensor import DIGIT
     from palpate.types.space import Placement
 
     if touch.tactile == "oracle":
@@ -186,7 +177,7 @@ def live(
     if (camera is None) == (replay is None) or (camera is None) != (poses is None):
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
     if record:
-        check_new(record, force)
+        new_file(record, force)
     first: Any
     first, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
@@ -198,18 +189,18 @@ def live(
             if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit, **placement):
                 words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
                 raise SettingError(f"--camera: of the options for bags, only {words} apply")
-            name, shape = f"camera {camera}", load_shape(bag.shape, bag.shape_unit)
+            name, shape = f"camera {camera}", palpate.load_shape(bag.shape, bag.shape_unit)
             with progress_bar("looking for images and poses"):
-                opened = camera_sources(camera, poses, turned_as(DIGIT, unit), Placement(**placement))
+                opened = camera_sources(camera, poses, turned_as(palpate.DIGIT, unit), Placement(**placement))
                 sources = stack.enter_context(opened)
         else:
             assert replay is not None
             name, (recording, _) = replay.name, bag.read(replay)
             shape, sources = recording.shape, replayed(recording)
-            first, sigma = first_pose_of(recording, NoiseSettings(), first, sigma)
-        settings = TrackerSettings(touch.tactile)
+            first, sigma = first_pose_of(recording, palpate.NoiseSettings(), first, sigma)
+        settings = palpate.TrackerSettings(touch.tactile)
         sensor = turned_as(sources.sensor, unit)
-        tracker = Tracker(shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
+        tracker = palpate.Tracker(shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
         keep = record and stack.enter_context(recorder(record, shape, sources.sensor, force))
         stop = stack.enter_context(stop_on_signals())
         session = LiveSession(tracker, sources, complain)
@@ -218,7 +209,7 @@ def live(
         def listen(item: Any) -> None:
             if keep:
                 keep(item)
-            if isinstance(item, Estimate):
+            if isinstance(item, palpate.Estimate):
                 words = pose_words(item.pose, world_sigma(item.pose, item.covariance))
                 bar(session.counts["tracked"], f"{item.status} {item.reason} {words}")
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.checks import FARTHEST, METRES, checked_number, is_near, other_unit
-from palpate.errors import ShapeError
+from palpate.errors import SettingError, ShapeError
 
 Array = NDArray[np.float64]
 
@@ -315,8 +315,10 @@ def wrong_width(shape: Shape, unit: str | None = None) -> str:
     return f"the outline is {width:g} m wide, allowed are 0.005 to 2 m{question}"
 
 
-def check_outline(shape: Shape) -> None:
-    """Raise ShapeError if an outline is too large or small to be pushed."""
+def check_outline(shape: object) -> None:
+    """Raise SettingError for what is no outline, ShapeError for one that is too large or small to be pushed."""
+    if not isinstance(shape, Shape):
+        raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
     if wrong := wrong_width(shape):
         raise ShapeError(wrong)
 

@@ -19,8 +19,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Flags
 from palpate.checks import checked_times
 from palpate.errors import FileError
 from palpate.files import numbers_of, read_text, text_start
@@ -28,8 +28,6 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
-
-Array = NDArray[np.float64]
 
 RECTANGLE = Rectangle(0.051, 0.036)
 HAND = SensorProfile(name="CMU two-finger hand", radius=0.0025, tips=((0.0, 0.009), (0.0, -0.009)), rate=1.0 / 0.03)
@@ -82,7 +80,7 @@ def read_cmu_log(path: Path) -> Recording:
     )
 
 
-def _contacts(is_new: NDArray[np.bool_], sensor_pose: Array, gap: Array) -> NDArray[np.bool_]:
+def _contacts(is_new: Flags, sensor_pose: Array, gap: Array) -> Flags:
     """Return contact flags (N,); `is_new` (N - 1,) is true from one action to the next.
 
     The hand lets go between actions, so no flag is carried from one into the next.

@@ -7,26 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Flags
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file
+from palpate.types import space
 from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
-from palpate.types.space import (
-    STEEPEST,
-    Placed,
-    Placement,
-    Plane,
-    Times,
-    in_plane,
-    placed_at,
-    plane_across,
-    plane_through,
-    pose_numbers,
-)
+from palpate.types.space import Placed, Placement, Plane, Times
 
 logger = logging.getLogger(__name__)
 
@@ -105,10 +96,10 @@ def encoded_images(
 
 def placed_from(name: str, poses: ArrayLike, time_name: str, time: ArrayLike, wanted: Times) -> Placed:
     """Return poses, given with times of their own, at other times [ns]; NaN is unknown."""
-    known_at, numbers = nanoseconds(time_name, time), pose_numbers(name, poses)
+    known_at, numbers = nanoseconds(time_name, time), space.pose_numbers(name, poses)
     if len(known_at) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(known_at)} times, expected one for each")
-    return placed_at(name, known_at, numbers, wanted)
+    return space.placed_at(name, known_at, numbers, wanted)
 
 
 def planar_recording(
@@ -119,7 +110,7 @@ def planar_recording(
     placed: Placed,
     truth: Placed | None,
     images: tuple[str, Any] | None,
-    contact: NDArray[np.bool_] | None,
+    contact: Flags | None,
     sensor: SensorProfile,
     codec: Codec = "jpeg",
     **fields: Any,
@@ -144,15 +135,15 @@ def planar_recording(
     placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
     if placement.plane == "fit":
         touching = _touched(image or (), sensor) if contact is None else contact
-        plane = plane_through(what, frame, placed.position[touching if touching.any() else ...])
+        plane = space.plane_through(what, frame, placed.position[touching if touching.any() else ...])
     else:
-        plane = plane_across(frame, np.array(placement.plane, np.float64), placed.position)
-    sensor_pose = in_plane(plane, placed, placement.off_plane, time)
+        plane = space.plane_across(frame, np.array(placement.plane, np.float64), placed.position)
+    sensor_pose = space.in_plane(plane, placed, placement.off_plane, time)
     upright = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
-    if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > STEEPEST:
+    if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > space.STEEPEST:
         raise FileError(
             f"{placed.name} has its z axis up to {roll:.0f} degrees off the plane's normal, allowed are "
-            f"{STEEPEST:.0f}: is w the last of each quaternion?"
+            f"{space.STEEPEST:.0f}: is w the last of each quaternion?"
         )
     if (upright < 0.0).all():
         logger.warning(
@@ -168,14 +159,14 @@ def planar_recording(
             good = good & (np.abs(height - np.median(height[good])) <= placement.off_plane)
         if off := np.count_nonzero(seen.known & ~good):
             logger.warning("%s: %d true poses are off the plane of the others and taken as unknown", seen.name, off)
-        object_pose[good] = in_plane(plane, seen[good], placement.off_plane, time[good])
+        object_pose[good] = space.in_plane(plane, seen[good], placement.off_plane, time[good])
     recording = Recording(
         time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, contact=contact, image=image, **fields
     )
     return recording, plane
 
 
-def _touched(images: Sequence[bytes], sensor: SensorProfile) -> NDArray[np.bool_]:
+def _touched(images: Sequence[bytes], sensor: SensorProfile) -> Flags:
     """Return flags of images in which the gel looks touched."""
     from palpate.touch.contact_detector import ContactDetector
 

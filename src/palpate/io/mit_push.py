@@ -12,8 +12,8 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Flags
 from palpate.checks import FARTHEST, NUMBERS, check_rows, checked_array, checked_times, is_near
 from palpate.errors import FileError
 from palpate.files import read_json, text_start
@@ -21,8 +21,6 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
-
-Array = NDArray[np.float64]
 
 SQUARE = Rectangle(0.09, 0.09)
 TIP = SensorProfile(name="MIT point tip", radius=0.00475, rate=30.0)
@@ -76,7 +74,7 @@ def read_mit_push(path: Path) -> Recording:
     )
 
 
-def _contact(gap: Array) -> NDArray[np.bool_]:
+def _contact(gap: Array) -> Flags:
     """Return contact flags (N,) from gaps (N,) [m].
 
     In undisturbed runs the gap wanders slowly between 1.0 and -1.4 mm, since motion capture and robot agree no better
@@ -85,7 +83,7 @@ def _contact(gap: Array) -> NDArray[np.bool_]:
     return contact_flags(gap, touch=1.5e-3, release=2.0e-3)
 
 
-def _frozen(time: Array, pose: Array, tip: Array, touching: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _frozen(time: Array, pose: Array, tip: Array, touching: Flags) -> Flags:
     """Return flags of frames (N,) at which motion capture repeats an old pose instead of measuring a new one.
 
     It delivers a pose every 4 ms, and in undisturbed runs the 99th percentile of holds is 8 ms. One that stays exactly

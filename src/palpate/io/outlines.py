@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.checks import FARTHEST, METRES, is_near
 from palpate.errors import FileError, SettingError, ShapeError, one_line
 from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows
@@ -21,7 +21,6 @@ from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, s
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
 Unit = Literal["m", "cm", "mm", "in"]
 
 TOLERANCE = 2e-5

@@ -32,6 +32,7 @@ METADATA, ARRAYS, VERSION = "palpate", "palpate/", "1"
 IMAGES, SENSOR_POSES, OBJECT_POSES = "/sensor/image/compressed", "/sensor/pose", "/object/pose"
 CONTACT = "/sensor/contact"
 FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact")
+POSES = ("first_pose", "first_pose_sigma", "set_up_sigma")
 
 
 def is_recording(path: Path) -> bool:
@@ -54,12 +55,10 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
         raise SettingError(f"found a {found} to write, expected a Recording; that of read_bag is its .recording")
     stamps = ros.nanoseconds(path, recording.time)
     plane, truth = flat(), recording.object_pose
-    stated = () if recording.first_pose_derived else ("first_pose", "first_pose_sigma")
-    poses = {name: getattr(recording, name) for name in (*stated, "set_up_sigma")}
-    about = {
-        "source": recording.source,
-        **{name: json.dumps(value.tolist()) for name, value in poses.items() if value is not None},
-    }
+    about = {"source": recording.source}
+    for name in ("set_up_sigma",) if recording.first_pose_derived else POSES:
+        if (value := getattr(recording, name)) is not None:
+            about[name] = json.dumps(value.tolist())
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
     with ros.new_mcap(path, overwrite) as file:
@@ -93,43 +92,36 @@ def read_recording(path: Path | str) -> Recording:
         shape = shape_from_dict(json_object(about.get("shape", ""), "metadata shape"))
         sensor = sensor_from_dict(json_object(about.get("sensor", ""), "metadata sensor"))
         files = {name: data for name, data in attachments.items() if name.startswith(ARRAYS)}
-        if files:
-            return _from_arrays(path, about, files, shape, sensor)
-        # Of a live session: each image with the sensor's pose at its time. That is the time of recording, which equals
-        # the headers': a replay may begin at 0 s, which in a header means no stamp.
-        choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
-        return read_bag(path, shape, choices, sensor).recording
+        if not files:
+            # Of a live session: each image with the sensor's pose at its time. That is the time of recording, which
+            # equals the headers': a replay may begin at 0 s, which in a header means no stamp.
+            choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
+            return read_bag(path, shape, choices, sensor).recording
+        arrays = {name.removeprefix(ARRAYS).removesuffix(".npy"): _parsed(name, data) for name, data in files.items()}
+        for name in ("time", "sensor_pose"):
+            if name not in arrays:
+                raise FileError(f"array {name} is missing, or the file is cut off before it")
+        images, count = _frames(path, len(arrays["time"]))
+        if 0 < len(images) < count:
+            raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
+        return Recording(
+            **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
+            **{name: _parsed(name, about[name]) for name in POSES if name in about},
+            shape=shape,
+            sensor=sensor,
+            image=images[:count] or None,
+            source=about.get("source", ""),
+            extra={name[6:]: value[:count] for name, value in arrays.items() if name.startswith("extra/")},
+            file=path,
+        )
 
 
-def _from_arrays(
-    path: Path, about: Mapping[str, str], files: Mapping[str, bytes], shape: Shape, sensor: SensorProfile
-) -> Recording:
-    arrays: dict[str, Any] = {}
-    poses = {name: about[name] for name in ("first_pose", "first_pose_sigma", "set_up_sigma") if name in about}
-    for name, data in [*files.items(), *poses.items()]:
-        try:
-            if isinstance(data, bytes):
-                arrays[name.removeprefix(ARRAYS).removesuffix(".npy")] = np.load(io.BytesIO(data), allow_pickle=False)
-            else:
-                arrays[name] = json.loads(data)
-        except Exception as error:  # damaged bytes can raise anything in NumPy's reader of headers
-            raise FileError(f"attachment or metadata {name} is damaged") from error
-    for name in ("time", "sensor_pose"):
-        if name not in arrays:
-            raise FileError(f"array {name} is missing, or the file is cut off before it")
-    images, count = _frames(path, len(arrays["time"]))
-    if 0 < len(images) < count:
-        raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
-    return Recording(
-        **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
-        **{name: arrays[name] for name in poses},
-        shape=shape,
-        sensor=sensor,
-        image=images[:count] or None,
-        source=about.get("source", ""),
-        extra={name[6:]: value[:count] for name, value in arrays.items() if name.startswith("extra/")},
-        file=path,
-    )
+def _parsed(name: str, data: bytes | str) -> Any:
+    """Return the array in an attachment, or the numbers in a text of the metadata."""
+    try:
+        return np.load(io.BytesIO(data), allow_pickle=False) if isinstance(data, bytes) else json.loads(data)
+    except Exception as error:  # damaged bytes can raise anything in NumPy's reader of headers
+        raise FileError(f"attachment or metadata {name} is damaged") from error
 
 
 def _frames(path: Path, expected: int) -> tuple[list[bytes], int]:

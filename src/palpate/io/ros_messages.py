@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.errors import FileError
 from palpate.files import new_file, whole_file
 from palpate.types.images import codec_of
 from palpate.types.space import Plane, out_of_plane
-
-Array = NDArray[np.float64]
 
 IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 POSE, POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -125,7 +124,7 @@ def new_mcap(path: Path | str, overwrite: bool = False, growing: bool = False) -
             raise FileError(f"{path}: cannot be written ({error})") from error
 
 
-def nanoseconds(path: Path | str, time: NDArray[np.float64]) -> list[int]:
+def nanoseconds(path: Path | str, time: Array) -> list[int]:
     """Return times (N,) [s] as stamps [ns], counted from the first if that is below 0.
 
     Raises FileError where ROS has no such stamp.

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Array, Flags
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
@@ -23,8 +24,6 @@ from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import Placed, Placement, Plane, Times
 
 logger = logging.getLogger(__name__)
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -248,7 +247,7 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
     )
 
 
-def _flags(stream: Stream, place: _Source, clock: str, rate: float) -> tuple[Times, NDArray[np.bool_]]:
+def _flags(stream: Stream, place: _Source, clock: str, rate: float) -> tuple[Times, Flags]:
     """Return times (N,) [ns] at a rate [Hz], from the first contact flag to the last pose, and the latest flags.
 
     Flags have no headers: they came as long after their time as the poses did.

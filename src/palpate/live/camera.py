@@ -7,13 +7,13 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path
-from time import sleep
+from time import sleep, time
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.live.sources import Clock, Image, Sources, TouchImage, udp_poses
+from palpate.live.sources import Clock, Image, Sources, TouchImage, clock_from, udp_poses
 from palpate.types.images import CameraView, camera_view, scaled
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses, Placement
@@ -30,23 +30,24 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Plac
 
     Raises SettingError if camera or source are missing.
     """
-    clock, path = Clock(), Path(name)
+    now, path = clock_from(time()), Path(name)
+    now()
     is_film = path.is_dir() or path.is_file()
-    rate, pictures = film(path, sensor, clock) if is_film else camera(camera_path(name), sensor, clock)
+    rate, pictures = film(path, sensor, now) if is_film else camera(camera_path(name), sensor, now)
 
     def images(stop: threading.Event) -> Iterator[TouchImage | str]:
-        for time, pixels in islice(pictures, 0 if is_film else 5, None):  # without old ones, in the driver's buffer
+        for when, pixels in islice(pictures, 0 if is_film else 5, None):  # without old ones, in the driver's buffer
             if stop.is_set():
                 return
-            yield TouchImage(time, b"" if pixels is None else upright(pixels, sensor, placement.orientation))
+            yield TouchImage(when, b"" if pixels is None else upright(pixels, sensor, placement.orientation))
         if not is_film:
             yield "the camera is lost, which ends the session"
 
-    with closing(pictures), udp_poses(poses, clock, GelPoses(placement)) as source:
-        yield Sources(images, source, clock.now, replace(sensor, rate=rate), placement.time_offset)
+    with closing(pictures), udp_poses(poses, now, GelPoses(placement)) as source:
+        yield Sources(images, source, now, replace(sensor, rate=rate), placement.time_offset)
 
 
-def camera(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, Pictures]:
+def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures]:
     """Open a camera by OpenCV; return its measured rate [Hz] and its images until it is lost.
 
     Its exposure settles for a second. Raises SettingError if it cannot be opened or gives no images.
@@ -65,18 +66,18 @@ def camera(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, Pict
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         try:
             while path.exists() and capture.grab():  # OpenCV goes on grabbing from an unplugged camera
-                yield clock.now(), capture.retrieve()[1]
+                yield now(), capture.retrieve()[1]
         finally:
             capture.release()
 
-    found, begin = pictures(), clock.now()
-    times = [time for time, _ in takewhile(lambda picture: picture[0] < begin + 1.0, found)]
+    found, begin = pictures(), now()
+    times = [when for when, _ in takewhile(lambda picture: picture[0] < begin + 1.0, found)]
     if len(times) < 2:
         raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
     return (len(times) - 1) / (times[-1] - times[0]), found
 
 
-def film(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, Pictures]:
+def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures]:
     """Return rate [Hz] and images of a video, or of a folder in the order of their names, in place of a camera's.
 
     Raises SettingError if there are none.
@@ -95,9 +96,9 @@ def film(path: Path, sensor: SensorProfile, clock: Clock) -> tuple[float, Pictur
         raise SettingError(f"camera {path}: is no video that OpenCV reads, nor a folder with PNG or JPEG images")
 
     def pictures() -> Pictures:
-        begin = clock.now()
+        begin = now()
         for index, image in enumerate(pixels):
-            sleep(max(begin + index / rate - clock.now(), 0.0))
+            sleep(max(begin + index / rate - now(), 0.0))
             yield begin + index / rate, image
 
     return rate, pictures()

@@ -14,35 +14,26 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+Clock = Callable[[], float]
+"""Returns the time [s]."""
 
 
-class Clock:
-    """A clock that runs evenly, even if the computer's clock is set; it starts when it is first read."""
-
-    def __init__(self, start: float | None = None) -> None:
-        """Show the time since 1970 [s] or, if given, a time from `start` on."""
-        self._start = start
-        self._offset: float | None = None
-
-    def now(self) -> float:
-        """Return the time [s]."""
-        if self._offset is None:
-            self._offset = (time.time() if self._start is None else self._start) - time.monotonic()
-        return time.monotonic() + self._offset
+def clock_from(start: float) -> Clock:
+    """Return a clock that shows `start` [s] when it is first read, and runs evenly even if the computer's is set."""
+    begin = cache(time.monotonic)
+    return lambda: start - begin() + time.monotonic()
 
 
 class TouchImage(NamedTuple):
@@ -80,8 +71,8 @@ class Sources:
     images: ImageSource
     poses: PoseSource
     """Poses of the sensor."""
-    now: Callable[[], float]
-    """Returns the time on their common clock [s]."""
+    now: Clock
+    """Their common clock."""
     sensor: SensorProfile
     """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them."""
     time_offset: float = 0.0
@@ -144,21 +135,21 @@ def replayed(recording: Recording) -> Sources:
     with suppress(FileError):
         recording[0]  # loads OpenCV before the session, not in its first step
     times = (recording.time - min(recording.time[0], 0.0)).tolist()
-    clock = Clock(times[0] - 0.05)  # a moment for the threads to start
+    now = clock_from(times[0] - 0.05)  # a moment for the threads to start
 
     def play(kind: Any, values: Iterable[Any], stop: threading.Event) -> Iterator[Any]:
         """Yield each value when the clock reaches its time."""
         for when, value in zip(times, values, strict=True):
-            if stop.wait(max(0.0, when - clock.now())):
+            if stop.wait(max(0.0, when - now())):
                 return
             yield kind(when, value)
 
     images_of, poses_of = partial(play, TouchImage, images), partial(play, TimedPose, recording.sensor_pose)
-    return Sources(images_of, poses_of, clock.now, recording.sensor)
+    return Sources(images_of, poses_of, now, recording.sensor)
 
 
 @contextmanager
-def udp_poses(name: str, clock: Clock, place: GelPoses) -> Iterator[PoseSource]:
+def udp_poses(name: str, now: Clock, place: GelPoses) -> Iterator[PoseSource]:
     """Listen for poses at a port of this machine, udp:PORT, while the block runs. Raises SettingError.
 
     They are JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, a pose has that of its arrival. It may
@@ -181,7 +172,7 @@ def udp_poses(name: str, clock: Clock, place: GelPoses) -> Iterator[PoseSource]:
             listening.settimeout(0.1)
             while not stop.is_set():
                 with suppress(TimeoutError):
-                    yield _pose_in(listening.recv(65536), clock.now(), place)
+                    yield _pose_in(listening.recv(65536), now(), place)
 
         yield receive
 

@@ -4,10 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
+from palpate.arrays import Array, Flags
 
-Array = NDArray[np.float64]
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
 """Reliability of an estimate, which `docs/guide/status.md` describes; REASONS has each in short."""
 REASONS: dict[Status, str] = {
@@ -80,7 +78,7 @@ class Trajectory:
     """world_T_object, (N, 3) [m, m, rad]."""
     covariance: Array
     """(N, 3, 3) [m, m, rad], of the tangent vector at the estimate (right, body frame), order x, y, theta."""
-    contact: NDArray[np.bool_]
+    contact: Flags
     """(N,) true while the sensor touched the object."""
     status: tuple[str, ...]
     """(N,) status of each estimate."""

@@ -10,11 +10,11 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Image
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file
 
 Codec = Literal["jpeg", "png"]
-Image = NDArray[np.uint8]
 Level = TypeVar("Level", np.uint8, np.float32)
 
 
@@ -81,7 +81,7 @@ def checked_pixels(image: NDArray[Any]) -> Image:
     return image
 
 
-def encode_image(image: NDArray[np.uint8], codec: Codec = "jpeg") -> bytes:
+def encode_image(image: Image, codec: Codec = "jpeg") -> bytes:
     """Return an RGB image (height, width, 3) as bytes: "jpeg" at quality 95, or "png", lossless. Raises FileError."""
     from PIL import Image
 

@@ -7,12 +7,11 @@ from numbers import Real
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Array, Image
 from palpate.checks import TURNS, without_gradient
 from palpate.errors import EstimationError
-
-Array = NDArray[np.float64]
 
 
 class Measurement:
@@ -156,7 +155,7 @@ class Frame:
     sensor_pose: Array
     """world_T_sensor, (3,) [m, m, rad]; or in space, (7,) with a quaternion x, y, z, w, or (4, 4). `palpate.gel_pose`
     makes one of the pose of a flange."""
-    image: NDArray[np.uint8] | None = None
+    image: Image | None = None
     """Touch image, (height, width, 3), RGB."""
     contact: bool | None = None
     """True while the sensor touches the object; None if unknown."""

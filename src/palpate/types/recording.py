@@ -8,19 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.checks import (
-    FARTHEST,
-    FLAGS,
-    NUMBERS,
-    as_array,
-    check_rows,
-    checked_array,
-    checked_poses,
-    checked_times,
-    is_near,
-)
+from palpate import checks
+from palpate.arrays import Array, Flags, Image
 from palpate.config import FirstPoseSettings
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.images import AS_IT_IS, Codec, camera_view, decode_image, turned_image
@@ -30,9 +21,7 @@ from palpate.types.sensor import SensorProfile, known_sensor
 if TYPE_CHECKING:
     from palpate.types.space import Normal
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Images = NDArray[np.uint8] | Sequence[NDArray[np.uint8] | bytes | str | Path]
+Images = Image | Sequence[Image | bytes | str | Path]
 """Images as a user has them: arrays (N, height, width, 3), encoded bytes, or paths of files."""
 
 
@@ -82,16 +71,16 @@ class Recording:
         if not isinstance(self.shape, Shape):
             raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
         settle("sensor", known_sensor(self.sensor))
-        settle("time", checked_times(self.time))
+        settle("time", checks.checked_times(self.time))
         n = len(self.time)
-        settle("sensor_pose", checked_poses("sensor_pose", self.sensor_pose, n))
+        settle("sensor_pose", checks.checked_poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
-            settle("object_pose", checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
-        for name, least in (("first_pose", -FARTHEST), ("first_pose_sigma", 1e-9), ("set_up_sigma", 0.0)):
+            settle("object_pose", checks.checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
+        for name, least in (("first_pose", -checks.FARTHEST), ("first_pose_sigma", 1e-9), ("set_up_sigma", 0.0)):
             if (given := getattr(self, name)) is not None:
-                settle(name, checked_array(name, given, NUMBERS, (3,)).astype(np.float64))
-                if not ((given := getattr(self, name)) >= least).all() or not is_near(given).all():
-                    raise FileError(f"{name}: found {given.tolist()}, allowed are {least:g} to {FARTHEST:g}")
+                settle(name, checks.checked_array(name, given, checks.NUMBERS, (3,)).astype(np.float64))
+                if not ((given := getattr(self, name)) >= least).all() or not checks.is_near(given).all():
+                    raise FileError(f"{name}: found {given.tolist()}, allowed are {least:g} to {checks.FARTHEST:g}")
         if self.first_pose_sigma is not None and self.first_pose is None:
             raise FileError("first_pose_sigma: found one without a first_pose; allowed is one with it")
         settle("_derived", None)
@@ -100,7 +89,7 @@ class Recording:
             settle("first_pose_sigma", np.array(FirstPoseSettings().truth))
             settle("_derived", (self.first_pose, self.first_pose_sigma))
         if self.contact is not None:
-            settle("contact", checked_array("contact", self.contact, FLAGS, (n,)).astype(np.bool_))
+            settle("contact", checks.checked_array("contact", self.contact, checks.FLAGS, (n,)).astype(np.bool_))
         if self.image is not None:
             if not self.sensor.image_height:
                 raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
@@ -115,7 +104,7 @@ class Recording:
             if not name or "/" in name or name == ".":
                 raise FileError(f"extra: found the name {name!r}, allowed are names without a slash")
             size = value.shape[1:] if isinstance(value, np.ndarray) else ()
-            checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
+            checks.checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
         settle("extra", {name: np.asarray(value) for name, value in self.extra.items()})
 
     @classmethod
@@ -166,11 +155,9 @@ class Recording:
 
         placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)
         sensor = known_sensor(sensor)
-        if not isinstance(shape, Shape):
-            raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
         check_outline(shape)
         time = nanoseconds("image_time", image_time, least=1e-3)
-        check_rows("image_time", time, np.diff(time, prepend=time[0] - 1) > 0, "a time after the one before")
+        checks.check_rows("image_time", time, np.diff(time, prepend=time[0] - 1) > 0, "a time after the one before")
         if isinstance(images, str | bytes | Path):
             raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
         if images is not None and not sensor.image_height:
@@ -178,13 +165,13 @@ class Recording:
         given = images if images is None or hasattr(images, "__len__") else list(images)  # also of a generator
         if given is not None and len(given) != len(time):
             raise FileError(f"images: found {len(given)} images for {len(time)} times, expected one for each")
-        flags = None if contact is None else checked_array("contact", contact, FLAGS, (len(time),))
+        flags = None if contact is None else checks.checked_array("contact", contact, checks.FLAGS, (len(time),))
         if given is None and flags is None:
             raise FileError("images: found None, and no contact; a recording needs one of them")
 
         time = time + round(time_offset * 1e9)
         placed = placed_from("poses", poses, "pose_time", pose_time, time)
-        truth, known = None, as_array("object_poses", np.nan if object_poses is None else object_poses)
+        truth, known = None, checks.as_array("object_poses", np.nan if object_poses is None else object_poses)
         if known.dtype.kind != "f" or not np.isnan(known).all():
             seen_at = pose_time if object_time is None else object_time
             truth = placed_from("object_poses", known, "object_time", seen_at, time)

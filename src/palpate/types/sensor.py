@@ -13,14 +13,12 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.checks import FARTHEST, checked_number
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

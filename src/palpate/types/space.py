@@ -10,20 +10,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from palpate.checks import (
-    FARTHEST,
-    LONGEST,
-    NUMBERS,
-    TURNS,
-    as_array,
-    check_metres,
-    check_rows,
-    checked_array,
-    checked_number,
-    is_near,
-)
+from palpate import checks
+from palpate.arrays import Array, Flags, Times
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.images import camera_view
@@ -34,8 +24,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
-Times = NDArray[np.int64]
 Normal = tuple[float, float, float] | Literal["fit"]
 """The normal of a plane, or "fit" for the plane through the sensor's path."""
 
@@ -64,18 +52,18 @@ class Placement:
         camera_view(self.orientation)
         if self.sensor_T_gel is not None:
             gel = pose_numbers("sensor_T_gel", [self.sensor_T_gel])
-            check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
+            checks.check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
             object.__setattr__(self, "sensor_T_gel", tuple(gel[0].tolist()))  # so that placements compare
         normal = None if isinstance(self.plane, str) else finite_numbers(self.plane, (3,))
         if normal is not None:
             object.__setattr__(self, "plane", tuple(normal.tolist()))
         elif not isinstance(self.plane, str) or self.plane != "fit":
             raise SettingError(f"plane is {self.plane!r}; allowed are fit, or three numbers: its normal")
-        if checked_number(self.off_plane, 1e-9, FARTHEST) is None:
+        if checks.checked_number(self.off_plane, 1e-9, checks.FARTHEST) is None:
             raise SettingError(f"off_plane is {self.off_plane!r}; allowed is a length above 0 [m]")
-        if checked_number(self.time_offset, -LONGEST, LONGEST) is None:
+        if checks.checked_number(self.time_offset, -checks.LONGEST, checks.LONGEST) is None:
             raise SettingError(
-                f"time_offset is {self.time_offset!r}; allowed are up to {LONGEST:g} s, forwards or backwards"
+                f"time_offset is {self.time_offset!r}; allowed are up to {checks.LONGEST:g} s, forwards or backwards"
             )
 
     def of_gel(self, sensor: "Placed") -> "Placed":
@@ -95,10 +83,10 @@ class Placed:
     """(M, 3) [m]."""
     rotation: "Rotation"
     """M rotations of SciPy."""
-    known: NDArray[np.bool_]
+    known: Flags
     """(M,) false before the first pose, after the last and in long gaps, where the nearest pose is given."""
 
-    def __getitem__(self, keep: NDArray[np.bool_]) -> "Placed":
+    def __getitem__(self, keep: Flags) -> "Placed":
         """Return the poses at flagged times (M,)."""
         rotation: Any = self.rotation[keep]  # pyright: ignore[reportArgumentType]
         return replace(self, position=self.position[keep], rotation=rotation, known=self.known[keep])
@@ -127,7 +115,7 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
     is_lost = ~np.isfinite(numbers).all(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
     if is_lost.all():
         raise FileError(f"{name}: none of {len(time)} poses is known: all hold NaN or a quaternion of zeros")
-    near = np.asarray(is_near(numbers).all(axis=1))
+    near = np.asarray(checks.is_near(numbers).all(axis=1))
     length = np.linalg.norm(np.where(near[:, None], numbers[:, 3:], 0.0), axis=1)
     is_wrong = ~is_lost & ~(near & (np.abs(length - 1.0) < 1e-2))
     if is_wrong.any():
@@ -199,8 +187,8 @@ def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: Arra
 
 def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
     """Return poses of any kind as positions and quaternions x, y, z, w (N, 7); rows that hold NaN become NaN."""
-    given = as_array(name, poses)
-    given = checked_array(name, given, NUMBERS, given.shape).astype(np.float64)
+    given = checks.as_array(name, poses)
+    given = checks.checked_array(name, given, checks.NUMBERS, given.shape).astype(np.float64)
     if given.shape[1:] not in ((3,), (7,), (4, 4)):
         allowed = "(N, 3) of x, y, theta, (N, 7) of x, y, z, qx, qy, qz, qw, or (N, 4, 4)"
         raise FileError(f"{name}: found shape {given.shape}, expected {allowed}")
@@ -210,7 +198,7 @@ def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
     if given.shape[1:] == (7,):
         numbers[good] = some
     elif given.shape[1:] == (3,):
-        if len(some) and (largest := np.abs(some[:, 2]).max()) > TURNS:
+        if len(some) and (largest := np.abs(some[:, 2]).max()) > checks.TURNS:
             raise FileError(f"{name}: found angles up to {largest:.4g} rad: are these degrees? np.radians helps")
         half, zero = 0.5 * some[:, 2], np.zeros(len(some))
         numbers[good] = np.column_stack([some[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
@@ -220,7 +208,7 @@ def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
         turn = some[:, :3, :3]
         rigid = np.isclose(turn @ turn.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2))
         rigid &= (np.linalg.det(turn) > 0.0) & np.isclose(some[:, 3], [0.0, 0.0, 0.0, 1.0]).all(axis=1)
-        check_rows(name, some, rigid, "a rotation and a translation, the last row 0, 0, 0, 1")
+        checks.check_rows(name, some, rigid, "a rotation and a translation, the last row 0, 0, 0, 1")
         numbers[good] = np.column_stack([some[:, :3, 3], Rotation.from_matrix(turn).as_quat()])
     return numbers
 
@@ -276,7 +264,7 @@ def in_plane(plane: Plane, placed: Placed, off_plane: float, time: Times | None 
     their times (N,) [ns] they may all be at another height than the plane, and a warning tells where they are tilted.
     """
     what = placed.name
-    check_metres(what, placed.position)
+    checks.check_metres(what, placed.position)
     at, x_axis = placed.position @ plane.axes, placed.rotation.apply([1.0, 0.0, 0.0]) @ plane.axes
     if not len(at):
         return at

@@ -1,0 +1,11 @@
+"""Types of arrays that all rooms use."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Image = NDArray[np.uint8]
+"""Pixels (height, width, 3), RGB."""
+Times = NDArray[np.int64]
+"""[ns]"""
