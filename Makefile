@@ -17,9 +17,9 @@ READY_ROS := .venv-ros/.ready
 demo: $(READY)
 	$(BIN)/palpate demo
 
-# Two workers fill two cores: more threads would only wait for one another.
+# Two workers fill two cores: more threads would only wait for one another. The tests of a file share its recordings.
 test: lint
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
 # With a real rclpy from the package index, for tests only; `make test` uses it too once it is there, for fewer images.
 ros-test: $(READY_DEV) $(READY_ROS)
