@@ -104,7 +104,7 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
 @pytest.mark.usefixtures("_sticking_is_tuned")
 def test_tuning_twice_is_the_same():
     start = settings(sticking={"share": 1.0})
-    assert tune(drawn(3), start, 4) == tune(drawn(3), start, 4, workers=2)
+    assert tune(drawn(3), start, 2) == tune(drawn(3), start, 2, workers=2)  # two pools of processes
 
 
 def test_few_recordings_leave_none_to_judge_by():
