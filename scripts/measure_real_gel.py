@@ -20,10 +20,10 @@ from _common import DATA, write
 from numpy.typing import NDArray
 
 from palpate import DIGIT, Calibration
+from palpate.arrays import Image
 from palpate.lab.train.scores import coverage
 from palpate.touch.background import background_of
 from palpate.touch.calibration import calibrated
-from palpate.touch.cells import Image
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, learn_from_presses
 from palpate.touch.touch_model import difference_in_light, reduced, shipped_model

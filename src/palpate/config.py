@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.geometry.se2 import Sigmas
 from palpate.types.measurements import finite_numbers
 
-Array = NDArray[np.float64]
 Normal = tuple[float, float]
 """Mean and standard deviation."""
 Kernel = float | None

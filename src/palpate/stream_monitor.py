@@ -9,13 +9,10 @@ import math
 from collections import deque
 from statistics import median
 
-import numpy as np
-from numpy.typing import NDArray
-
+from palpate.arrays import Array
 from palpate.checks import other_time_unit
 from palpate.errors import FrameError
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 _LONGEST_GAP = 60.0  # [s] between frames; a clock that jumps farther is accepted at its second frame

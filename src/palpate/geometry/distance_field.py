@@ -7,11 +7,9 @@ gradient and Hessian belong together, as the smoother needs them. `palpate.graph
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.geometry.shapes import Shape
-
-Array = NDArray[np.float64]
 
 
 class DistanceField(NamedTuple):

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from palpate.compiled import Array, compiled, kernel
+from palpate.arrays import Array
+from palpate.compiled import compiled, kernel
 
 
 @compiled

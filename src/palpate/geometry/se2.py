@@ -12,9 +12,10 @@ import math
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from palpate.arrays import Array
+
 Sigmas = tuple[float, float, float]
 """Standard deviations of a pose or of a motion [m, m, rad]."""
 

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.arrays import Array
 from palpate.checks import FARTHEST, METRES, checked_number, is_near, other_unit
 from palpate.errors import SettingError, ShapeError
-
-Array = NDArray[np.float64]
 
 
 class _Outline(ABC):

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.errors import one_line
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 
 # The colours of Okabe and Ito, which people with any colour vision can tell apart, and greys.
 TRUTH, ESTIMATE, SENSOR, CONTACT = "#7F7F7F", "#0072B2", "#D55E00", "#E69F00"

@@ -8,17 +8,16 @@ import logging
 from contextlib import suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Image, Levels
 from palpate.errors import FileError
 from palpate.touch.background import UNLIKE, background_of, first_frames, has_markers, without_markers
 from palpate.touch.calibration import Calibration
-from palpate.touch.cells import Image, Levels, cells_of, compare, is_dark
+from palpate.touch.cells import cells_of, compare, is_dark
 from palpate.touch.contact_detector import START
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 
 
 def release_after_start(

@@ -8,14 +8,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Array, Flags
 from palpate.geometry import se2
 from palpate.graph.factors import NAMES
 from palpate.types.estimate import Trajectory
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 CONTENT = ("tracking", "resting")
 """Statuses of an estimate that reports no doubt."""

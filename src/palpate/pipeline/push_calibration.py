@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Image
 from palpate.config import NoiseSettings, Tactile
 from palpate.errors import EstimationError, FileError
 from palpate.filter.hypotheses import costs_of_contact
@@ -39,7 +39,6 @@ from palpate.touch.calibration import (
     calibrated,
     turned_as,
 )
-from palpate.touch.cells import Image
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.press_calibration import LEFT_OR_RIGHT
@@ -49,7 +48,6 @@ from palpate.types.measurements import Measurement
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 
 FEWEST = 3
 """Pushes that show if they belong together."""

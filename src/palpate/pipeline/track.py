@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Array
 from palpate.checks import without_gradient
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError, one_line
@@ -23,7 +24,6 @@ from palpate.types.estimate import Answers, Estimate, Trajectory
 from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

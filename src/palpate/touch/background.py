@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Image, Levels
 from palpate.errors import SettingError
-from palpate.touch.cells import Image, Levels, cells_of, change_in_light, compare, is_dark, is_grey
+from palpate.touch.cells import cells_of, change_in_light, compare, is_dark, is_grey
 
 logger = logging.getLogger(__name__)
 

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Levels
 from palpate.checks import FLAGS, NUMBERS, checked_array
 from palpate.config import NoiseSettings, Normal
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, read_arrays, whole_file
 from palpate.touch.background import Background
-from palpate.touch.cells import Levels, cells_of
+from palpate.touch.cells import cells_of
 from palpate.types.images import AS_IT_IS, CameraView
 from palpate.types.sensor import SensorProfile
 

@@ -10,11 +10,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Image, Levels
 from palpate.compiled import Records, compiled
 from palpate.errors import SettingError
 
-Image = NDArray[np.uint8]
-Levels = NDArray[np.float32]
 Light = NDArray[np.float64]
 """(channels, 3): relative brightness in the middle of an image, and its change to the right and to the lower border."""
 

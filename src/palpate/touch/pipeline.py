@@ -6,12 +6,13 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Image
 from palpate.config import TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
-from palpate.touch.cells import Image, is_grey
+from palpate.touch.cells import is_grey
 from palpate.touch.touch_model import (
     COLUMNS,
     CORNER_LOGIT,

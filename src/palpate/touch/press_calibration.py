@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError
 from palpate.files import numbers_of, read_table, table_columns
 from palpate.touch.background import background_of
@@ -29,15 +29,13 @@ from palpate.touch.calibration import (
     calibrated,
     views,
 )
-from palpate.touch.cells import Image, area_means
+from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import START, ContactDetector
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
 from palpate.types.images import read_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
-
-Array = NDArray[np.float64]
 
 MARGIN = 2
 """Frames beside a contact that are left out, as in the paper: flags may be late, and gel takes its time."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.arrays import Image
 from palpate.geometry import se2
 from palpate.lab.train.samples import KINDS, difference, gel_at_rest, geometry_of
 from palpate.touch.background import Background
-from palpate.touch.cells import Image, check_image
+from palpate.touch.cells import check_image
 from palpate.touch.touch_model import reduced
 from palpate.types.recording import Recording
 

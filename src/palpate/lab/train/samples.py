@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Image
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse
@@ -17,7 +18,6 @@ from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, misfit, turned_as
-from palpate.touch.cells import Image
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import LEVELS, Difference, reduced
