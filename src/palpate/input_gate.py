@@ -6,8 +6,8 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
@@ -18,13 +18,10 @@ from palpate.touch.cells import is_dark, is_grey
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import GREY
 from palpate.types.measurements import (
-    ContactCorner,
-    ContactDirection,
-    ContactPlace,
     Frame,
     Measurement,
     OwnMeasurement,
-    Turn,
+    TouchMeasurement,
     finite_number,
     finite_numbers,
 )
@@ -183,7 +180,7 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
     )
 
 
-def _planar(when: str, pose: Any) -> NDArray[np.float64] | None:
+def _planar(when: str, pose: Any) -> Array | None:
     """Return a pose in the plane, or one in space (7,) or (4, 4) as one; None if it is neither."""
     found = finite_numbers(pose, (3,))
     if found is not None or all(finite_numbers(pose, shape) is None for shape in ((7,), (4, 4))):
@@ -206,7 +203,7 @@ def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Mea
         kind = type(one).__name__
         if not isinstance(one, Measurement):
             raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's, as ObjectPose")
-        if tips > 1 and isinstance(one, ContactDirection | ContactPlace | Turn | ContactCorner):
+        if tips > 1 and isinstance(one, TouchMeasurement):
             raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
         try:
             if isinstance(one, OwnMeasurement):

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.arrays import Image
+from palpate.arrays import Image, Levels
 from palpate.config import TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
@@ -64,13 +63,15 @@ class TouchReader:
         self.needs_colours = model is None
         """True if the touch model is one that comes with palpate: these read colours."""
         self._correction = calibration.direction if calibration else UNCORRECTED
-        self._mean: NDArray[np.float32] | None = None  # of the untouched gel when the contact began
+        self._mean: Levels | None = None  # of the untouched gel when the contact began
         self._model = model or shipped_model(sensor.name)
         self._on_gel = angle_factor(self._model, calibrated(sensor, calibration))
         self._factors = {name: spread.factor for name, spread in self._model.settings.spread.items()}
         self._misfit = _misfit(sensor, self._model)
-        if own is None and (tactile == "learnt" or (tactile == "auto" and not self._misfit)):
-            self._check_model()
+        if self.reads_images and self._misfit:
+            raise SettingError(f"tactile is {tactile}; {self._misfit}")
+        if self.reads_images or (self._is_open and not self._misfit):
+            self._model.read(np.zeros((ROWS, COLUMNS, 3), np.float32))  # opens the network now, not in a robot's loop
 
     @property
     def reads_images(self) -> bool:
@@ -128,13 +129,6 @@ class TouchReader:
         self._mean = None
         if self._own is not None:
             self._own.end_contact()
-
-    def _check_model(self) -> None:
-        """Raise SettingError if the model does not fit, and open its network now and not in a robot's loop."""
-        if wrong := self._misfit:
-            raise SettingError(f"tactile is {self.tactile}; {wrong}")
-        blank = np.zeros((ROWS, COLUMNS, 3), np.uint8)
-        self._model.read(difference_in_light(blank, reduced(blank)))
 
 
 def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:

@@ -21,8 +21,8 @@ class Measurement:
     """
 
 
-class _OneNumber(Measurement):
-    """Base of measurements of one number with its variance; arrays of one number are taken."""
+class TouchMeasurement(Measurement):
+    """Base of measurements by touch on one tip: one number with its variance; arrays of one number are taken."""
 
     def __post_init__(self) -> None:
         (name, given), (_, given_variance), *_ = vars(self).items()
@@ -38,7 +38,7 @@ class _OneNumber(Measurement):
 
 
 @dataclass(frozen=True)
-class ContactDirection(_OneNumber):
+class ContactDirection(TouchMeasurement):
     """Direction of contact on a round tip: that of the outline's inward normal at the contact point.
 
     It is absolute and does not drift: it determines the yaw on a straight edge, and the place along a round one.
@@ -51,7 +51,7 @@ class ContactDirection(_OneNumber):
 
 
 @dataclass(frozen=True)
-class ContactPlace(_OneNumber):
+class ContactPlace(TouchMeasurement):
     """Place of contact along y on a flat pad: the middle of the loaded part."""
 
     place: float
@@ -61,7 +61,7 @@ class ContactPlace(_OneNumber):
 
 
 @dataclass(frozen=True)
-class Turn(_OneNumber):
+class Turn(TouchMeasurement):
     """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact."""
 
     angle: float
@@ -71,7 +71,7 @@ class Turn(_OneNumber):
 
 
 @dataclass(frozen=True)
-class ContactCorner(_OneNumber):
+class ContactCorner(TouchMeasurement):
     """Angle of the contact's inward normal off the inward bisector of the corner that is touched.
 
     It says where in the corner's cone of normals the contact is: with the contact direction, the yaw at a corner.
