@@ -29,6 +29,14 @@ def folder(tmp_path_factory, command) -> Path:
     return folder / "run"
 
 
+@pytest.fixture(scope="module")
+def later(folder, tmp_path_factory, command) -> Path:
+    """Return the page of the same run as `palpate view` makes it."""
+    page = tmp_path_factory.mktemp("later") / "page.html"
+    assert command("view", folder, "--save", page) == 0
+    return page
+
+
 @pytest.fixture
 def written(folder) -> Path:
     return folder / "page.html"
@@ -44,10 +52,9 @@ def test_it_needs_nothing_else_and_has_a_picture_of_each_frame(written):
     assert "http" not in text and "src=" not in text and len(pictures_in(written)) == FRAMES
 
 
-def test_it_has_a_table_of_innovations_of_an_earlier_run_too(folder, tmp_path, command):
-    assert command("view", folder, "--save", tmp_path / "again.html") == 0
+def test_it_has_a_table_of_innovations_of_an_earlier_run_too(folder, written, later):
     scores = json.loads((folder / "summary.json").read_text())["innovations"]
-    for page in (folder / "page.html", tmp_path / "again.html"):
+    for page in (written, later):
         rows = re.findall(r"<tr><th>(\w+)<th>[\de+]+<th>([-.e\d]+)<th>", page.read_text(encoding="utf-8"))
         assert rows == [(name, f"{each['mean_square']:.3g}") for name, each in scores.items()] and len(rows) > 3
 
@@ -87,7 +94,7 @@ def test_the_slider_shows_another_picture(written, browser):
 
 
 def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
-    palpate.write_recording(replace(pushed(), object_pose=None), tmp_path / "blind.mcap")
+    palpate.write_recording(replace(pushed(10), object_pose=None), tmp_path / "blind.mcap")
     words = ("track", tmp_path / "blind.mcap", "--html", "--first-pose", 0, 0, 3, "--out", tmp_path / "run")
     assert command(*words) == 0
     page = tmp_path / "run" / "page.html"
@@ -97,7 +104,7 @@ def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
 
 
 def test_a_run_without_contact(tmp_path, command):
-    push = pushed()
+    push = pushed(10)
     assert push.contact is not None
     palpate.write_recording(replace(push, contact=~push.contact & False), tmp_path / "away.mcap")
     assert command("track", tmp_path / "away.mcap", "--html", "--out", tmp_path / "run") == 0
@@ -108,7 +115,7 @@ def test_a_name_that_is_no_text_and_settings_of_the_user(tmp_path, command, monk
     monkeypatch.setitem(matplotlib.rcParams, "text.usetex", True)
     monkeypatch.setitem(matplotlib.rcParams, "axes.titlesize", 40.0)
     push = tmp_path / os.fsdecode(b"r\xfcck.mcap")
-    palpate.write_recording(replace(pushed(), first_pose=(0.0, 0.0, 3.0)), tmp_path / "push.mcap")
+    palpate.write_recording(replace(pushed(10), first_pose=(0.0, 0.0, 3.0)), tmp_path / "push.mcap")
     try:
         (tmp_path / "push.mcap").rename(push)
     except OSError:
@@ -125,7 +132,7 @@ def test_a_picture_that_fails_loses_nothing_else(tmp_path, command, monkeypatch,
 
     monkeypatch.setattr("palpate.pipeline.run_folder.run_figure", fail)
     monkeypatch.setattr("palpate.viewer.page.run_figure", fail)
-    palpate.write_recording(replace(pushed(), first_pose=(0.0, 0.0, 3.0)), tmp_path / "push.mcap")
+    palpate.write_recording(replace(pushed(10), first_pose=(0.0, 0.0, 3.0)), tmp_path / "push.mcap")
     assert command("track", tmp_path / "push.mcap", "--html", "--out", tmp_path / "run") == 0
     left = {path.name for path in (tmp_path / "run").iterdir()}
     assert {"estimates.csv", "summary.json"} <= left and not {"figure.png", "page.html"} & left
@@ -133,9 +140,8 @@ def test_a_picture_that_fails_loses_nothing_else(tmp_path, command, monkeypatch,
         assert f"{name} is left out: RuntimeError: no font" in caplog.text
 
 
-def test_the_page_of_an_earlier_run(tmp_path, folder, command, written):
-    assert command("view", folder, "--save", tmp_path / "later.html") == 0
-    for one, other in zip(pictures_in(tmp_path / "later.html"), pictures_in(written), strict=True):
+def test_the_page_of_an_earlier_run(written, later):
+    for one, other in zip(pictures_in(later), pictures_in(written), strict=True):
         assert one.size == other.size
         assert np.mean(np.any(np.asarray(one) != np.asarray(other), axis=-1)) < 0.05  # but for other answers
 
