@@ -30,7 +30,8 @@ def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int
     if array.dtype.kind in "SU":
         raise FileError(f"{name}: found text, expected {words}")
     if not fits:
-        raise FileError(f"{name}: found shape {_written(array.shape)}, expected {_written(shape)}")
+        expected = str(shape).replace("'", "")
+        raise FileError(f"{name}: found shape {array.shape}, expected {expected}")
     if array.dtype.kind not in kinds:
         raise FileError(f"{name}: found values of type {array.dtype}, expected {words}")
     return array
@@ -121,7 +122,3 @@ def other_time_unit(interval: float, rate: float) -> str:
     """Return the question for another unit if an interval [s] of a stream of about this rate [Hz] fits it, or ""."""
     fits = [name for name, size in _SECONDS.items() if 0.2 < interval * size * rate < 5.0]
     return f"are these {fits[0]}?" if fits else ""
-
-
-def _written(shape: tuple[int | str, ...]) -> str:
-    return f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"

@@ -62,7 +62,6 @@ def test_colours_keep_their_order():
         ({"first_pose": None}, "first_pose_sigma: .* without a first_pose"),
         ({"extra": {"pose": np.ones((4, 3))}}, r"extra/pose: found shape \(4, 3\), expected \(5, 3\)"),
         ({"extra": {"words": np.array(list("abcde"))}}, "extra/words: found text, expected numbers or booleans"),
-        ({"extra": {"a/b": np.ones(5)}}, "extra: found the name 'a/b'"),
         ({"shape": "rectangle"}, "shape: found 'rectangle', expected an outline"),
         ({"sensor": POINT}, "image: found images, but the sensor 'point' has none"),
     ],

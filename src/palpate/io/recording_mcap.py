@@ -101,9 +101,7 @@ def read_recording(path: Path | str) -> Recording:
         for name in ("time", "sensor_pose"):
             if name not in arrays:
                 raise FileError(f"array {name} is missing, or the file is cut off before it")
-        images, count = _frames(path, len(arrays["time"]))
-        if 0 < len(images) < count:
-            raise FileError(f"holds {len(images)} images for {count} frames, expected one for each")
+        images, count = _frames(path)
         return Recording(
             **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
             **{name: _parsed(name, about[name]) for name in POSES if name in about},
@@ -124,7 +122,7 @@ def _parsed(name: str, data: bytes | str) -> Any:
         raise FileError(f"attachment or metadata {name} is damaged") from error
 
 
-def _frames(path: Path, expected: int) -> tuple[list[bytes], int]:
+def _frames(path: Path) -> tuple[list[bytes], int]:
     """Return the images and the number of frames that are whole; warns where the file is cut off."""
     images, count = list[bytes](), 0
     try:
@@ -135,7 +133,5 @@ def _frames(path: Path, expected: int) -> tuple[list[bytes], int]:
     except CutShort as error:
         if not count:
             raise FileError(f"{error}, before the first frame") from error
-        logger.warning("%s; the %d frames before that are read", error, min(count, expected))
-    if not count or count > expected:
-        raise FileError(f"holds {count} sensor poses of a recording of {expected} frames")
+        logger.warning("%s; the %d frames before that are read", error, count)
     return images, count

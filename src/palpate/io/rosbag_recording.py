@@ -133,12 +133,9 @@ def _check_times(streams: list[Stream], clock: Literal["header", "log"]) -> None
     advice = "; --clock log takes the times of recording" if is_header else ""
     ends = list[tuple[int, str]]()
     for stream in streams:
-        times, unstamped, offsets = stream.times[clock], stream.times["header"].count(0), stream.offsets
+        times, offsets = stream.times[clock], stream.offsets
         if not stream.times["log"]:
             raise FileError(f"none of {stream.damaged} messages in {stream.name} decodes")
-        # The first message by a clock that starts at zero is no fault.
-        if clock == "header" and unstamped > (len(times) > 1):
-            raise FileError(f"{unstamped} headers in {stream.name} have a stamp of zero{advice}")
         if stream.are_equal(clock):
             found = f"{len(times)} messages in {stream.name} have only {len(set(times))} different"
             raise FileError(f"{found} {'times of recording' if clock == 'log' else 'header stamps'}{advice}")

@@ -101,8 +101,6 @@ class Recording:
                     found = f"image {index} is of type {type(image).__name__}"
                     raise FileError(f"image: {found}, expected encoded bytes; Recording.from_arrays encodes arrays")
         for name, value in self.extra.items():
-            if not name or "/" in name or name == ".":
-                raise FileError(f"extra: found the name {name!r}, allowed are names without a slash")
             size = value.shape[1:] if isinstance(value, np.ndarray) else ()
             checks.checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
         settle("extra", {name: np.asarray(value) for name, value in self.extra.items()})
