@@ -15,12 +15,12 @@ from typing import Any
 
 from palpate.cli.console import complain
 from palpate.config import TrackerSettings
-from palpate.errors import PalpateError, SettingError, one_line
+from palpate.errors import FrameError, PalpateError, SettingError, one_line
 from palpate.io import ros_messages as ros
 from palpate.io.estimates import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, estimate_messages
 from palpate.io.outlines import load_shape
 from palpate.live.session import LiveSession, stop_on_signals
-from palpate.live.sources import Refused, Sources, TimedPose, TouchImage, checked_pose
+from palpate.live.sources import Sources, TimedPose, TouchImage, checked_pose
 from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
@@ -163,7 +163,7 @@ class Topics:
             data = self._view.of(decode_image(data) if isinstance(data, bytes) else data)
         return TouchImage(self._time_of(message), data)
 
-    def _pose(self, message: Any) -> TimedPose | Refused:
+    def _pose(self, message: Any) -> TimedPose | FrameError:
         (pose,) = ros.poses_of(message)
         return checked_pose(self._time_of(message), pose.numbers, self.now(), self._place, pose.frame)
 

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.live.sources import PoseTrack, Refused, TimedPose
+from palpate import FrameError
+from palpate.live.sources import PoseTrack, TimedPose
 
 
 def track(*rows: tuple[float, float, float]) -> PoseTrack:
@@ -18,14 +19,14 @@ def track(*rows: tuple[float, float, float]) -> PoseTrack:
 
 def place(poses: PoseTrack, when: float) -> Any:
     found = poses.at(when)
-    assert not isinstance(found, Refused)
+    assert not isinstance(found, FrameError)
     return found
 
 
 def refused(poses: PoseTrack, when: float) -> str:
     found = poses.at(when)
-    assert isinstance(found, Refused)
-    return found.reason
+    assert isinstance(found, FrameError)
+    return str(found)
 
 
 def test_between_poses_the_shorter_turn_is_taken():
@@ -53,4 +54,4 @@ def test_unknown_poses():
 def test_times_must_increase():
     poses = track((1.0, 0.0, 0.0))
     refused = poses.add(TimedPose(1.0, np.zeros(3)))
-    assert refused is not None and "not after the last one's" in refused.reason
+    assert refused is not None and "not after the last one's" in str(refused)

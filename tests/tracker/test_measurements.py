@@ -298,5 +298,5 @@ def test_numbers_may_be_arrays_of_one():
 @pytest.mark.parametrize("kind", [ContactDirection, ContactPlace, Turn])
 @pytest.mark.parametrize("given", [(None, 1), ("a", 1), (math.nan, 1), (1, None), (1, 0.0), (1, -1), (1, math.inf)])
 def test_what_touch_tells_is_numbers(kind, given):
-    with pytest.raises(EstimationError, match=r"they must be finite, the variance above 0"):
+    with pytest.raises(EstimationError, match=r"its numbers must be finite, the variance above 0"):
         kind(*given)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import Flags
+from palpate.arrays import Flags, Image
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file
@@ -64,8 +64,7 @@ def encoded_images(
     """
     from palpate.touch.background import warn_if_squeezed
 
-    view, data, damage, seen = camera_view(orientation), list[bytes](), list[str](), []
-    every = len(indices) // 10 + 1
+    view, data, damage, seen = camera_view(orientation), list[bytes](), list[str](), list[Image]()
     for index in indices:
         image = images[index]
         if isinstance(image, str | Path):
@@ -73,7 +72,6 @@ def encoded_images(
         if not isinstance(image, bytes | FileError):
             with in_file(f"{name}: image {index}"):
                 pixels = fitted(checked_pixels(as_array("pixels", image)), size, view)
-            seen += [] if len(data) % every else [pixels]
             data.append(encode_image(pixels, codec))
             continue
         try:
@@ -83,7 +81,7 @@ def encoded_images(
         except FileError as error:
             damage.append(f"image {index}: {error}")
             data.append(b"")
-    for index in range(0, 0 if seen else len(data), every):
+    for index in range(0, len(data), len(data) // 10 + 1):
         try:
             seen.append(decode_image(data[index], size))
         except FileError as error:

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import FileError, FrameError
+from palpate.errors import FileError, FrameError, PalpateError
 from palpate.geometry.shapes import Shape
 from palpate.io import ros_messages as ros
 from palpate.io.estimates import estimate_messages
 from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, describe
-from palpate.live.sources import ImageSource, PoseSource, PoseTrack, Refused, Sources, TimedPose, TouchImage
+from palpate.live.sources import ImageSource, PoseSource, PoseTrack, Sources, TimedPose, TouchImage
 from palpate.pipeline.metrics import PERCENTILES, percentiles
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
@@ -50,7 +50,7 @@ class LiveSession:
         """The last estimate."""
         self._tracker, self._now, self._sources = tracker, sources.now, sources
         self._listen: Listen = lambda item: None
-        self._arrived: SimpleQueue[TouchImage | TimedPose | Refused | str | Exception] = SimpleQueue()
+        self._arrived: SimpleQueue[TouchImage | TimedPose | str | Exception] = SimpleQueue()
         self._poses = PoseTrack()
         self._newest: TouchImage | None = None
         self._times: deque[float] = deque(maxlen=60)  # of the last images
@@ -109,16 +109,16 @@ class LiveSession:
             while True:
                 self._take(self._arrived.get_nowait())
 
-    def _take(self, item: TouchImage | TimedPose | Refused | str | Exception) -> None:
+    def _take(self, item: TouchImage | TimedPose | str | Exception) -> None:
         """Count what has arrived and pass it on; raise an exception."""
         if isinstance(item, TimedPose):
             item = self._poses.add(item) or item
-        if isinstance(item, Exception):
-            raise item
         if isinstance(item, str):
             self.say(item)
-        elif isinstance(item, Refused):
-            self._count_fault("refused_poses", "a sensor pose is refused", item.reason)
+        elif isinstance(item, FrameError):
+            self._count_fault("refused_poses", "a sensor pose is refused", item)
+        elif isinstance(item, Exception):
+            raise item
         elif isinstance(item, TimedPose):
             self.counts["sensor_poses"] += 1
             self._listen(item)
@@ -138,8 +138,8 @@ class LiveSession:
         while not self._poses.reaches(image.time) and (left := last - self._now()) > 0.0:
             self._receive(left)
         pose = self._poses.at(image.time)
-        if isinstance(pose, Refused):
-            self._count_fault("without_pose", "an image is without a sensor pose", pose.reason)
+        if isinstance(pose, FrameError):
+            self._count_fault("without_pose", "an image is without a sensor pose", pose)
             return
         size = self._sources.sensor.image_height, self._sources.sensor.image_width
         try:
@@ -148,7 +148,7 @@ class LiveSession:
         except (FileError, FrameError) as error:
             if self.last is None and isinstance(error, FrameError):  # the first frame shows a fault of the set-up
                 raise
-            self._count_fault("left_out", "a frame is left out", str(error))
+            self._count_fault("left_out", "a frame is left out", error)
             return
         if (reason := self._tracker.tactile_reason) != self._tactile_reason:
             self._tactile_reason = reason
@@ -159,7 +159,7 @@ class LiveSession:
         self.last = estimate
         self._listen(estimate)
 
-    def _count_fault(self, name: str, fault: str, reason: str) -> None:
+    def _count_fault(self, name: str, fault: str, reason: PalpateError) -> None:
         """Count a fault under a name, and tell the user of the first."""
         self.counts[name] += 1
         if self.counts[name] == 1:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.arrays import Array, Image
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError, FrameError, SettingError
 from palpate.geometry import se2
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -54,14 +54,8 @@ class TimedPose(NamedTuple):
     """world_T_sensor, (3,) [m, m, rad]."""
 
 
-class Refused(NamedTuple):
-    """A message or value that is no usable pose."""
-
-    reason: str
-
-
 ImageSource = Callable[[threading.Event], Iterator[TouchImage | str]]
-PoseSource = Callable[[threading.Event], Iterator[TimedPose | Refused | str]]
+PoseSource = Callable[[threading.Event], Iterator[TimedPose | FrameError | str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +83,10 @@ class PoseTrack:
     def __init__(self) -> None:
         self._poses: deque[TimedPose] = deque(maxlen=4096)
 
-    def add(self, pose: TimedPose) -> Refused | None:
+    def add(self, pose: TimedPose) -> FrameError | None:
         """Add a pose; refuse one that is not later than the last."""
         if self._poses and pose.time <= self._poses[-1].time:
-            return Refused(f"its time {pose.time:.3f} s is not after the last one's, {self._poses[-1].time:.3f} s")
+            return FrameError(f"its time {pose.time:.3f} s is not after the last one's, {self._poses[-1].time:.3f} s")
         self._poses.append(pose)
         return None
 
@@ -100,17 +94,17 @@ class PoseTrack:
         """Return True if there is a pose at or after a time [s]."""
         return bool(self._poses) and self._poses[-1].time >= time
 
-    def at(self, time: float) -> Array | Refused:
+    def at(self, time: float) -> Array | FrameError:
         """Return the pose (3,) at a time [s].
 
         The motion of the last 50 ms is extrapolated if no later pose is known, but not over more than 150 ms.
         """
         count = bisect_right(self._poses, time, key=lambda pose: pose.time)
         if not count:
-            return Refused("none has come before it")
+            return FrameError("none has come before it")
         last = self._poses[count - 1]
         if (age := time - last.time) > 0.15:
-            return Refused(f"the last one before it is {age:.2f} s older, allowed are 0.15 s")
+            return FrameError(f"the last one before it is {age:.2f} s older, allowed are 0.15 s")
         if count < len(self._poses):
             start, end = last, self._poses[count]
         else:
@@ -164,7 +158,7 @@ def udp_poses(name: str, now: Clock, place: GelPoses) -> Iterator[PoseSource]:
         except OSError as error:
             raise SettingError(f"sensor poses: cannot listen on port {port} of 127.0.0.1 ({error})") from error
 
-        def receive(stop: threading.Event) -> Iterator[TimedPose | Refused]:
+        def receive(stop: threading.Event) -> Iterator[TimedPose | FrameError]:
             listening.setblocking(False)
             with suppress(BlockingIOError):
                 while True:  # drop what arrived before the session
@@ -177,24 +171,24 @@ def udp_poses(name: str, now: Clock, place: GelPoses) -> Iterator[PoseSource]:
         yield receive
 
 
-def _pose_in(packet: bytes, now: float, place: GelPoses) -> TimedPose | Refused:
+def _pose_in(packet: bytes, now: float, place: GelPoses) -> TimedPose | FrameError:
     try:
         content = json.loads(packet)
         return checked_pose(content.get("time", now), content["pose"], now, place)
     except (ValueError, RecursionError, AttributeError, KeyError):
-        return Refused(f"{packet[:60]!a} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
+        return FrameError(f"{packet[:60]!a} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
 
 
-def checked_pose(time: Any, numbers: Any, now: float, place: GelPoses, frame: str = "world") -> TimedPose | Refused:
+def checked_pose(time: Any, numbers: Any, now: float, place: GelPoses, frame: str = "world") -> TimedPose | FrameError:
     """Return the gel's pose at a time [s] from that of the part that carries it, or the reason to refuse it."""
     try:
         when, pose = float(time), place(numbers, frame)
     except FileError as error:
-        return Refused(str(error))
+        return FrameError(str(error))
     except (TypeError, ValueError, OverflowError):
-        return Refused(f"time {time!r} and pose {numbers!r} are not numbers")
+        return FrameError(f"time {time!r} and pose {numbers!r} are not numbers")
     if not np.isfinite(pose).all() or not math.isfinite(when):
-        return Refused(f"time {time!r}, pose {numbers!r}; allowed are finite numbers: time, and x, y, theta")
+        return FrameError(f"time {time!r}, pose {numbers!r}; allowed are finite numbers: time, and x, y, theta")
     if abs(when - now) > 1.0:  # its sender has another clock
-        return Refused(f"its time {when:.3f} s is {when - now:+.1f} s off this computer's clock")
+        return FrameError(f"its time {when:.3f} s is {when - now:+.1f} s off this computer's clock")
     return TimedPose(when, pose)

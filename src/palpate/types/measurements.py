@@ -25,16 +25,14 @@ class TouchMeasurement(Measurement):
     """Base of measurements by touch on one tip: one number with its variance; arrays of one number are taken."""
 
     def __post_init__(self) -> None:
-        (name, given), (_, given_variance), *_ = vars(self).items()
-        value, variance = finite_number(given), finite_number(given_variance)
-        found = f"{type(self).__name__} has {name} {given!r} and variance {given_variance!r}"
-        if value is None or variance is None or not variance > 0.0:
-            raise EstimationError(f"{found}; they must be finite, the variance above 0")
-        if abs(value) > {"angle": TURNS, "place": 1.0}[name]:
-            unit = ("radians, up to two turns", "degrees") if name == "angle" else ("metres", "millimetres")
-            raise EstimationError(f"{found}; the {name} must be in {unit[0]}: are these {unit[1]}?")
-        object.__setattr__(self, name, value)
-        object.__setattr__(self, "variance", variance)
+        for name, given in tuple(vars(self).items()):
+            value, found = finite_number(given), f"{type(self).__name__} has {name} {given!r}"
+            if value is None or (name == "variance" and not value > 0.0):
+                raise EstimationError(f"{found}; its numbers must be finite, the variance above 0")
+            if abs(value) > {"angle": TURNS, "place": 1.0}.get(name, math.inf):
+                unit = ("radians, up to two turns", "degrees") if name == "angle" else ("metres", "millimetres")
+                raise EstimationError(f"{found}; it must be in {unit[0]}: are these {unit[1]}?")
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
@@ -84,12 +82,6 @@ class ContactCorner(TouchMeasurement):
     slope: float = 0.0
     """Change of the angle with half the angle between the normals of the corner's sides: a side that is touched beside
     a corner has 1 or -1."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if (slope := finite_number(self.slope)) is None:
-            raise EstimationError(f"ContactCorner has slope {self.slope!r}; it must be finite")
-        object.__setattr__(self, "slope", slope)
 
 
 @dataclass(frozen=True)
