@@ -195,6 +195,7 @@ def frames(o: Array, e: Array, contact: Array | bool = True, start: float = 0.0)
     ]
 
 
+@cache
 def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Array]:
     """Object and sensor poses of a push by which the sensor slides along the rectangle's left side.
 
@@ -214,6 +215,8 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
             jacobian = np.concatenate([one.jacobian[0, 0, :, 6:9] for one in rows])  # by g1
             change = -np.linalg.solve(jacobian[on_normal_balance_and_cone], residual)
             g = se2.compose(g, se2.exp(change))
+            if np.abs(change).max() < 1e-13:
+                break
         touches.append(g)
         sensors.append(e)
     return se2.compose(np.array(sensors), se2.inverse(np.array(touches))), np.array(sensors)
