@@ -135,13 +135,11 @@ class TouchModel:
         try:
             if self._session is None:
                 self._session = session(self.network)
-                given = {each.name for each in self._session.get_outputs()}
-                if given != set(outputs):
-                    raise ValueError(f"gives {sorted(given)}, expected {sorted(outputs)}")
+                given = {each.name: each.shape[-1] for each in self._session.get_outputs()}
+                if given != (expected := {name: SIZES.get(name, 2) for name in outputs}):
+                    raise ValueError(f"gives {given}, expected {expected}")
             values = self._session.run(outputs, {"difference": batch})
             numbers = [row for (row,) in map(np.ndarray.tolist, values)]
-            if any(len(row) != SIZES.get(name, 2) for name, row in zip(outputs, numbers, strict=True)):
-                raise ValueError(f"gives {[len(row) for row in numbers]} numbers")
         except Exception as error:  # a damaged network raises many kinds
             raise FileError(f"{self.folder / NETWORK}: is no network that can be run ({one_line(error)})") from error
         found: Reading = {}
@@ -152,12 +150,10 @@ class TouchModel:
         return found
 
 
-_opened = cache(TouchModel)
-
-
+@cache
 def shipped_model(sensor: str = "DIGIT") -> TouchModel:
     """Return the model that comes with palpate for a sensor profile, by default the DIGIT's; opened once."""
-    return _opened(SHIPPED_OF.get(sensor, SHIPPED))
+    return TouchModel(SHIPPED_OF.get(sensor, SHIPPED))
 
 
 def write_model(folder: Path, settings: ModelSettings, network: bytes) -> None:
