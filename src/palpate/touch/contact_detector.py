@@ -81,9 +81,8 @@ class ContactDetector:
         """Return a camera's image as `update` takes it: in the profile's view and size, without markers."""
         if image.ndim != 3 or image.shape[2] != 3:
             return image  # `update` refuses it
-        if self._view != AS_IT_IS:
-            image = self._view.of(image)
-        if self._size and image.shape[:2] != self._size:
+        image = self._view.of(image)
+        if self._size:
             image = scaled(image, self._size)
         if self.background is None and not self._steady.seen:
             self._has_markers = has_markers(image)
