@@ -8,8 +8,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from palpate.cli.track import demo_recording
 from palpate.config import TrackerSettings
+from palpate.lab.simulate.recordings import demo_recording
 from palpate.pipeline.track import track
 from palpate.viewer.page import pictures
 

@@ -99,5 +99,5 @@ def test_demo_fails_in_one_line(fails, monkeypatch):
     Path("demo-run/notes.txt").write_text("mine")
     assert "not replaced" in fails("demo")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "MuJoCo, which is not installed: pip install palpate[sim]" in fails("demo", "--out", "other")
+    assert "mujoco, which is not installed: pip install palpate[sim]" in fails("demo", "--out", "other")
     assert not Path("other").exists()

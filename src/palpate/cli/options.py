@@ -4,19 +4,14 @@ A command takes these groups as parameters (`start: Start = Start()`); tyro make
 help from the docstrings. Nothing heavy is imported before a method is called, so that `--help` stays fast.
 """
 
-import os
 from dataclasses import dataclass, fields
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import tyro
 
 import palpate
 from palpate.errors import SettingError
-
-if TYPE_CHECKING:
-    from palpate.types.space import Plane
 
 # The library's choices, repeated here so that --help need not import it.
 Tactile = Literal["none", "oracle", "learnt"]
@@ -163,15 +158,16 @@ class Bag:
     off_plane: Annotated[float, arg("METRES")] = 0.01
     """Largest distance of poses from that plane [m]."""
 
-    def read(self, file: Path) -> "tuple[palpate.Recording, Plane | None]":
+    def read(self, file: Path) -> "palpate.BagReading":
         """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
         from palpate.io import detect_format
         from palpate.types.sensor import known_sensor
+        from palpate.types.space import flat
 
         if self.shape is None:
             if self != Bag(orientation=self.orientation):
                 raise SettingError("--sensor, --images and the other options for bags need --shape, too")
-            return palpate.load_recording(file, self.orientation), None
+            return palpate.BagReading(palpate.load_recording(file, self.orientation), flat())
         if detect_format(file) != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
         choices = palpate.BagChoices(**{each.name: getattr(self, each.name) for each in fields(palpate.BagChoices)})
@@ -187,14 +183,3 @@ class Workers:
     """Processes on this machine."""
     dask: Annotated[str | None, arg("ADDRESS", "none")] = None
     """Address of the scheduler of a Dask cluster, which sees the same files."""
-
-
-def check_torch(purpose: str, extras: str, *modules: str) -> None:
-    """Raise SettingError unless the modules of extras are installed; call it before anything else imports torch."""
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # torch's threads would wait in a loop, where cores are shared
-    try:
-        for module in modules:
-            import_module(module)
-    except ImportError as error:
-        needed = f"pip install palpate[{extras}]"
-        raise SettingError(f"{purpose} needs {error.name}, which is not installed: {needed}") from error

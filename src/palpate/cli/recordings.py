@@ -66,7 +66,7 @@ def convert(
         raise SettingError(f"{target}: extension {target.suffix!r} is of no format to write, allowed is .mcap")
     new_file(target, force)
     with progress_bar(f"converting {source.name}"):
-        found = bag.read(source)[0]
+        found = bag.read(source).recording
         palpate.write_recording(found, target, overwrite=force)
     return Report(target.name, {"in": str(source), "out": str(target), "frames": len(found)})
 

@@ -19,10 +19,10 @@ from palpate.cli.options import (
     Touch,
     Workers,
     arg,
-    check_torch,
 )
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, new_file
+from palpate.lab import required
 
 if TYPE_CHECKING:
     from palpate.lab.tune.tuning import Tuning
@@ -100,7 +100,7 @@ def paper(
         full: As many sequences as the paper has, which takes hours.
         seed: The same seed gives the same recordings.
     """
-    check_torch("palpate paper", "sim,train,paper", "gtsam", "mujoco", "torch")
+    required("palpate paper", "sim,train,paper", "gtsam", "mujoco", "torch")
     from palpate.lab.paper.study import FULL, StudySettings, run
 
     if seed < 0:
@@ -144,7 +144,7 @@ def train(
         workers: Processes that read recordings.
         resume: Go on with a training that was cut off.
     """
-    check_torch("training", "train", "onnxscript", "torch")
+    required("training", "train", "onnxscript", "torch")
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.train.train import TrainSettings, train_on_presses
     from palpate.lab.train.train import train as train_model

@@ -1,19 +1,15 @@
 """`palpate track`, `live`, `demo` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg
 from palpate.errors import PalpateError, SettingError
 from palpate.files import new_file
-
-if TYPE_CHECKING:
-    from palpate.types.space import Plane
 
 SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
 """Columns of the table of several runs."""
@@ -45,7 +41,6 @@ def track(
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import drawing
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
-    from palpate.types.space import flat
     from palpate.viewer.page import write_page
 
     if not files:
@@ -63,9 +58,8 @@ def track(
                 recording, plane = bag.read(file)
                 if mcap:
                     nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
-                plane = (plane or flat()) if mcap else None
 
-                def keep(run: "palpate.Run", part: Path = part, plane: "Plane | None" = plane) -> None:
+                def keep(run: "palpate.Run", part: Path = part, plane: Any = plane if mcap else None) -> None:
                     if html:
                         with drawing(PAGE):
                             write_page(run, part / PAGE)
@@ -94,6 +88,7 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run")) -> Report:
     Args:
         out: Folder of the run; an earlier run there is replaced.
     """
+    from palpate.lab.simulate.recordings import demo_recording
     from palpate.pipeline.run_folder import RECORDING, new_run, write_files
 
     with new_run(out, force=True) as part:
@@ -103,16 +98,6 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run")) -> Report:
             run = palpate.track(recording, palpate.TrackerSettings("learnt"), progress=progress)
         write_files(run, part)
     return run_report(out, run.summary, f"A DIGIT pushes a rectangle in simulation. The recording: {out / RECORDING}")
-
-
-def demo_recording(progress: Callable[[int], None] | None = None) -> "palpate.Recording":
-    """Simulate the push of the demo; `progress` is called with the number of images made."""
-    from palpate.geometry.shapes import SHAPES
-    from palpate.lab.simulate.recordings import plan
-
-    # The first seed with three contacts; its final error is about the median of pushes at the edges of this object.
-    (simulation,) = plan({"rectangle": SHAPES["rectangle"]}, 1, seed=2, seconds=15.0).values()
-    return simulation.run(progress)
 
 
 def run_report(folder: Path, summary: dict[str, Any], *notes: str) -> Report:
@@ -195,7 +180,7 @@ def live(
                 sources = stack.enter_context(opened)
         else:
             assert replay is not None
-            name, (recording, _) = replay.name, bag.read(replay)
+            name, recording = replay.name, bag.read(replay).recording
             shape, sources = recording.shape, replayed(recording)
             first, sigma = first_pose_of(recording, palpate.NoiseSettings(), first, sigma)
         settings = palpate.TrackerSettings(touch.tactile)

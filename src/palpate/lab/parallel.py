@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from palpate.errors import FileError, SettingError
+from palpate.lab import required
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -112,12 +113,9 @@ def _on_cluster(
     function: Callable[[Item], Result], items: Iterator[Item], address: str
 ) -> Generator[Result, None, None]:
     """Do the same on a cluster."""
+    dask = required("--dask", "cluster", "distributed")
     try:
-        from distributed import Client, KilledWorker, as_completed
-    except ImportError as error:
-        raise SettingError("--dask needs distributed, which is not installed: pip install palpate[cluster]") from error
-    try:
-        client: Any = Client(address, timeout=10, set_as_default=False)
+        client: Any = dask.Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError) as error:
         found = " ".join(str(error).split())
         raise SettingError(f"no Dask scheduler answers at {address!r} ({found}); allowed is tcp://HOST:PORT") from error
@@ -131,12 +129,12 @@ def _on_cluster(
             return [client.submit(_alone, function, item, pure=False) for item in islice(items, count)]
 
         # Two for each core keep all busy and the cluster's memory small.
-        tasks = as_completed(submitted(2 * sum(client.ncores().values())), loop=client.loop)
+        tasks = dask.as_completed(submitted(2 * sum(client.ncores().values())), loop=client.loop)
         try:
             for task in tasks:
                 tasks.update(submitted(1))
                 yield task.result()
-        except KilledWorker as error:
+        except dask.KilledWorker as error:
             raise _died() from error
 
 

@@ -8,11 +8,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from palpate.arrays import Array
 from palpate.lab.paper.images import CLASSES, Images
 from palpate.lab.train.fit import FitSettings, fit
 from palpate.lab.train.networks import MAP, WIDTH, Encoder, cell_centres, imprint, keypoint
-
-Array = NDArray[np.float64]
 
 
 class KeypointNetwork(nn.Module):

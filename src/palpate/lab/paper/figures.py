@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.pipeline.figures import own_style
 from palpate.pipeline.metrics import rotation_errors, translation_errors
 
-Array = NDArray[np.float64]
 Tracks = Mapping[str, Mapping[str, Any]]
 COLOURS = {"none": "#000000", "const": "#E69F00", "learnt": "#0072B2", "oracle": "#009E73", "palpate": "#D55E00"}
 UNITS = ("translation [mm]", "rotation [deg]")

@@ -14,11 +14,11 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel
 
 _log = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 BACK = np.arange(10, 40)
 """Frames between the two of a tactile factor, as in the authors' code (paper: a subset of the training window)."""

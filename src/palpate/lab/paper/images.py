@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.arrays import Image
+from palpate.arrays import Array, Image
 from palpate.geometry import se2
 from palpate.lab.train.samples import KINDS, difference, gel_at_rest, geometry_of
 from palpate.touch.background import Background
@@ -15,7 +15,6 @@ from palpate.touch.cells import check_image
 from palpate.touch.touch_model import reduced
 from palpate.types.recording import Recording
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
 CLASSES = ("disc", "rect-edges", "rect-corners", "ellip")

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.config import TrackerSettings
 from palpate.errors import FileError
 from palpate.files import read_json, whole_file
@@ -30,7 +31,6 @@ from palpate.lab.train.fit import FitSettings
 from palpate.pipeline.metrics import inside_95, nees
 from palpate.pipeline.track import track as track_with_palpate
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
 Tracks = Mapping[str, Mapping[str, Any]]

@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
-Array = NDArray[np.float64]
+from palpate.arrays import Array
+
 Pairs = tuple[Array, Array, Array]
 """Features of the earlier and of the later images (P, F) each, and class probabilities (P, C)."""
 Predict = Callable[[Pairs], Array]

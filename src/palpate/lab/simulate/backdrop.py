@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Array
+
 Image = NDArray[np.float32]
 Colours = tuple[float, float, float]
 
@@ -41,9 +43,7 @@ FLAT = Backdrop(
 )
 
 
-def draw_illumination(
-    glow: NDArray[np.float64], height: int, width: int, rng: np.random.Generator, kind: Backdrop = ROUND
-) -> Image:
+def draw_illumination(glow: Array, height: int, width: int, rng: np.random.Generator, kind: Backdrop = ROUND) -> Image:
     """Draw the strength of each of three lights at each pixel, (3, height, width), about 1 in the mean.
 
     glow (3,) [rad] are the sides of the image that they make glow, counter-clockwise from its right.
@@ -59,7 +59,7 @@ def draw_illumination(
 
 
 def draw_no_contact(
-    illumination: Image, colours: NDArray[np.float64], rng: np.random.Generator, kind: Backdrop = ROUND
+    illumination: Image, colours: Array, rng: np.random.Generator, kind: Backdrop = ROUND
 ) -> NDArray[np.uint8]:
     """Draw the image (height, width, 3) of the gel at rest in lights of these colours (3 lights, 3 channels)."""
     _, height, width = illumination.shape
@@ -125,7 +125,7 @@ def _step(values: Any) -> Any:
     return 0.5 + 0.5 * np.tanh(values)
 
 
-def grain(size: tuple[int, int], at: tuple[float, float], radius: float) -> NDArray[np.float64]:
+def grain(size: tuple[int, int], at: tuple[float, float], radius: float) -> Array:
     """Return the form of a grain, 0 to 1, in an image of this size (rows, columns), at this row and column."""
     rows, columns = np.ogrid[: size[0], : size[1]]
     return np.exp(-0.5 * ((rows - at[0]) ** 2 + (columns - at[1]) ** 2) / radius**2)

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.arrays import Array
 from palpate.compiled import compiled
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.lab.simulate.unit import Markers, SensorUnit
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 _COARSE = 4  # [px] skirts and shadows are smooth enough for an image smaller by this factor

@@ -6,14 +6,12 @@ All paths start and end at rest and are poses (N, 3) [m, m, rad], one per frame,
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.types.sensor import SensorProfile
-
-Array = NDArray[np.float64]
 
 TRIES = 1000
 """Draws of a place before giving up."""

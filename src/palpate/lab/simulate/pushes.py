@@ -18,8 +18,9 @@ A sequence is steered like a robot by a person who sees the object; each contact
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Array
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
@@ -27,8 +28,6 @@ from palpate.lab.simulate.paths import TRIES, Surroundings, Touch, draw_place, d
 from palpate.lab.simulate.scene import draw_settings
 from palpate.lab.simulate.world import Motion, Shove, World, concatenated
 from palpate.types.sensor import SensorProfile
-
-Array = NDArray[np.float64]
 
 _AGAIN = 4.5  # [s] that must be left for another contact
 _PAUSE = 1.0  # [s] for which the sensor stands still for a shove between contacts

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry import se2
-from palpate.geometry.shapes import Shape, shape_to_dict
+from palpate.geometry.shapes import SHAPES, Shape, shape_to_dict
 from palpate.io.recording_mcap import METADATA, write_recording
 from palpate.io.rosbag_reader import CutShort, front_matter, mcap_messages
 from palpate.lab.parallel import held_folder, spread
@@ -153,6 +153,13 @@ class Outcome:
     """Files that were there already."""
     failed: dict[str, str]
     """Files that could not be made, with the reason."""
+
+
+def demo_recording(progress: Callable[[int], None] | None = None) -> Recording:
+    """Simulate the push of `palpate demo`; `progress` is called with the number of images made."""
+    # The first seed with three contacts; its final error is about the median of pushes at the edges of this object.
+    (simulation,) = plan({"rectangle": SHAPES["rectangle"]}, 1, seed=2, seconds=15.0).values()
+    return simulation.run(progress)
 
 
 def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any) -> dict[str, Simulation]:

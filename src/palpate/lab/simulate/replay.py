@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Flags
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
@@ -33,8 +33,6 @@ from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import LONGEST_GAP
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
 class RealMotion:
@@ -46,9 +44,9 @@ class RealMotion:
     """world_T_sensor of the real sensor, (N, 3) [m, m, rad]."""
     object_pose: Array
     """world_T_object, (N, 3) [m, m, rad], bridged where it is unknown."""
-    known: NDArray[np.bool_]
+    known: Flags
     """Frames with a recorded object pose, (N,)."""
-    contact: NDArray[np.bool_]
+    contact: Flags
     """(N,)"""
     point: Array
     """Point of the outline that is nearest to the tip, or to the middle of several, (N, 2) [m] in the object frame."""

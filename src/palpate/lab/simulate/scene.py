@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Array
 from palpate.errors import SettingError
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
+from palpate.lab import required
 from palpate.types.sensor import SensorProfile
-
-Array = NDArray[np.float64]
 
 WARM_UP = 15.0
 """Time in which friction and stiffness of a gel drift [s]; then they stay."""
@@ -125,11 +125,7 @@ def gel_spheres(sensor: SensorProfile) -> tuple[Array, Array]:
 
 def load_mujoco() -> Any:
     """Return the module mujoco; raises SettingError if it is not installed."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise SettingError("simulation needs MuJoCo, which is not installed: pip install palpate[sim]") from error
-    return mujoco
+    return required("simulation", "sim", "mujoco")
 
 
 def convex_parts(shape: Shape) -> list[Array]:

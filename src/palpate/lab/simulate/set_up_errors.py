@@ -16,16 +16,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.geometry import se2
 from palpate.geometry.shapes import scaled
 from palpate.lab.simulate.backdrop import GRAIN_LEVELS, GRAIN_RADIUS, grain
 from palpate.lab.simulate.scene import WARM_UP
 from palpate.lab.simulate.unit import SensorUnit
 from palpate.types.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.errors import SettingError
 from palpate.lab.simulate import backdrop
 from palpate.types.sensor import SensorProfile
@@ -47,9 +48,9 @@ class SensorUnit:
     """Width of the flat part of the gel across the pad [m]; 0 for a round gel."""
     markers: Markers | None
     """Dots on the skin; None without."""
-    light: NDArray[np.float64]
+    light: Array
     """Direction towards each light, (3 lights, 3): to the image's right, up, and into the camera."""
-    colour: NDArray[np.float64]
+    colour: Array
     """Levels of red, green and blue from each light on gel that faces it, (3 lights, 3) [grey levels]."""
     shear_compliance: float
     """Shift of the gel's skin under a tangential force [m/N]."""

@@ -4,16 +4,15 @@ from collections import deque
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Array, Flags
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.lab.simulate.paths import minimum_jerk, unit_vector
 from palpate.lab.simulate.scene import WARM_UP, WorldSettings, build_model, load_mujoco, set_gel
 from palpate.types.sensor import SensorProfile
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +23,7 @@ class Motion:
     """world_T_sensor, (N, 3) [m, m, rad]."""
     object_pose: Array
     """world_T_object, (N, 3) [m, m, rad]."""
-    contact: NDArray[np.bool_]
+    contact: Flags
     """Contact between gel and object, (N,)."""
     normal_force: Array
     """Force that presses gel and object together, (N,) [N]."""
@@ -37,7 +36,7 @@ class Motion:
     pad_angle: Array
     """Angle of the contact from the gel's apex, (N,) [rad], seen from the centre of curvature and positive towards the
     sensor's +y; NaN without contact. On a flat pad it is the normal's at the deepest point."""
-    knocked: NDArray[np.bool_]
+    knocked: Flags
     """Shove by a finger since the frame before, (N,)."""
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 import palpate
+from palpate.arrays import Array, Flags
 from palpate.config import Tactile, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.files import read_arrays, read_json, whole_file
@@ -33,7 +33,6 @@ from palpate.touch.touch_model import TouchModel
 from palpate.tracker import warm_up
 from palpate.types.recording import Recording
 
-Array = NDArray[np.float64]
 FORMAT = {"format": "palpate-study", "version": 3}
 
 
@@ -74,7 +73,7 @@ class Trial:
     """Online estimate (N, 3) [m, m, rad]."""
     nees: Array
     """Squared error in units of the covariance (N,); NaN where the truth is unknown."""
-    contact: NDArray[np.bool_]
+    contact: Flags
     """(N,)"""
     step_ms: Array
     """Duration of each `Tracker.update` (N,) [ms]."""

@@ -7,11 +7,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from palpate.arrays import Array
 from palpate.lab.train.samples import KINDS, Samples
 from palpate.touch.touch_model import COLUMNS
 from palpate.types.sensor import SensorProfile
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import Image
+from palpate.arrays import Array, Flags, Image
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse
@@ -24,7 +24,6 @@ from palpate.touch.touch_model import LEVELS, Difference, reduced
 from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
 SHOWN = "shown_angle"
@@ -67,7 +66,7 @@ class Samples:
     def __len__(self) -> int:
         return len(self.yaw)
 
-    def of(self, chosen: NDArray[np.bool_] | Indices) -> "Samples":
+    def of(self, chosen: Flags | Indices) -> "Samples":
         """Return some of the samples."""
         return Samples(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
@@ -224,7 +223,7 @@ def _read(
         return number, str(error)
 
 
-def contact_frames(touched: NDArray[np.bool_]) -> tuple[Indices, Indices]:
+def contact_frames(touched: Flags) -> tuple[Indices, Indices]:
     """Return number of the contact and of the frame of each frame that is well within a contact, from flags (N,)."""
     edges = np.flatnonzero(np.diff(touched, prepend=False, append=False))
     spans = [np.arange(first + CUT, last - CUT) for first, last in zip(edges[::2], edges[1::2], strict=True)]

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.lab.train.augment import batch
@@ -15,7 +16,6 @@ from palpate.lab.train.networks import TouchNetwork
 from palpate.lab.train.samples import Samples
 from palpate.touch.touch_model import CORNER_LOGIT, Spread
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 Errors = Mapping[str, tuple[Array, Array, Indices]]
 """Errors (N,), predicted variances (N,) and contacts (N,) of each output, in radians or metres."""

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from palpate.arrays import Image
 from palpate.errors import FileError, SettingError
 from palpate.files import whole_file
 from palpate.graph.contact_geometry import RIGHT_ANGLE
@@ -37,7 +38,6 @@ from palpate.touch.touch_model import (
 from palpate.types.sensor import SensorProfile
 
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
-Image = NDArray[np.uint8]
 Indices = NDArray[np.int_]
 
 

@@ -7,15 +7,13 @@ world_T_sensor * sensor_T_tag at the same time. The unknowns are world_T_table, 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from palpate.arrays import Array, Flags
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.lab.truth.camera import TagTrack
 from palpate.types.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +42,7 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
     def sensor_at(when: Array) -> Array:
         return np.column_stack([np.interp(when, time, values) for values in (*sensor_pose[:, :2].T, angle)])
 
-    def difference(unknowns: Array, used: NDArray[np.bool_]) -> Array:
+    def difference(unknowns: Array, used: Flags) -> Array:
         by_video = se2.compose(unknowns[:3], tag.pose[used])
         by_robot = se2.compose(sensor_at(tag.time[used] + unknowns[6]), unknowns[3:6])
         return se2.between(by_robot, by_video)

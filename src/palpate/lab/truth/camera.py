@@ -10,14 +10,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.checks import checked_array
 from palpate.errors import FileError
 from palpate.files import existing_file, read_json, whole_file
 from palpate.lab.truth.tags import OBJECT, SENSOR, TABLE, Gray, Tag, board, find_tags
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

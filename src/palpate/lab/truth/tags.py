@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Image
 from palpate.errors import SettingError
 from palpate.files import whole_file
 from palpate.geometry.shapes import Shape
 from palpate.pipeline.figures import own_style
 
-Array = NDArray[np.float64]
-Gray = NDArray[np.uint8]
+Gray = Image
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array
 from palpate.config import Tactile, TactileChoice, TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.io import load_recording
@@ -24,7 +24,6 @@ from palpate.types.estimate import Trajectory
 from palpate.types.measurements import Frame, Measurement
 from palpate.types.recording import Recording
 
-Array = NDArray[np.float64]
 Measurements = tuple[Measurement, ...]
 
 
@@ -114,7 +113,7 @@ class ReplayedTouch:
 
     def __init__(
         self,
-        time: NDArray[np.float64],
+        time: Array,
         measurements: Sequence[Sequence[Measurement]],
         correction: DirectionCorrection = UNCORRECTED,
     ) -> None:

@@ -15,8 +15,8 @@ from statistics import fmean, median
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.arrays import Array, Flags
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, SettingError
 from palpate.lab.parallel import quiet, spread
@@ -24,7 +24,6 @@ from palpate.lab.study.recordings import group_of
 from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.pipeline.metrics import inside_95, log_likelihood, nees, rms, rotation_errors, translation_errors
 
-Array = NDArray[np.float64]
 WORST = -50.0
 """Score of a recording that the estimator gives up, and the least of any [nats]."""
 
@@ -173,7 +172,7 @@ class _Scores(NamedTuple):
     nats: float
     translation: float
     rotation: float
-    inside: NDArray[np.bool_]
+    inside: Flags
 
 
 def _scored(job: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[int, _Scores | None]:
