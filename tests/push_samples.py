@@ -99,6 +99,10 @@ def _linearise(steps: Array, rows: Array, terms: Array, kind: int, settings: Any
             of_term(last, rows[b], terms[t], settings[0], surface.corners, out[b, t])
 
 
+DEFAULT = NoiseSettings()
+cached_factors = cache(make_factors)
+
+
 def rows_of(
     name: str,
     at: Values,
@@ -111,7 +115,7 @@ def rows_of(
 
     The sensor was measured at a pose there and has moved so far [m].
     """
-    kind, settings = NAMES.index(name), make_factors(noise or NoiseSettings(), at.model)
+    kind, settings = NAMES.index(name), cached_factors(noise or DEFAULT, at.model)
     terms, _ = terms_of(Step(np.zeros(3), measurements), 0)
     terms = terms[terms[:, 1] == kind].view(TERM)[:, 0]
     at.steps["measured"][:, -1], at.steps["moved"][:, -1] = pose, moved
