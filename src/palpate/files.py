@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, folders with one writer, and text files with one sentence on damage."""
+"""Files that are written whole or not at all, and text files with one sentence on damage."""
 
 import csv
 import gzip
