@@ -140,6 +140,9 @@ def _touching(g: Array, surface: Surface, out: Records) -> None:
 @kernel
 def put_touch(place: complex, turn: complex, surface: Surface, touch: Records) -> None:
     """Write the geometry at a sensor pose in the object frame to `touch`."""
+    if len(surface.parts) == 1:
+        _put_round(place, turn, surface.parts[0], surface, touch)
+        return
     for i in range(len(surface.parts)):
         _put_round(place, turn, surface.parts[i], surface, surface.each[i])
     _put_mean(surface.each, touch)
