@@ -173,7 +173,7 @@ class Step:
         for index, one in enumerate(self.measurements):
             if isinstance(one, ContactDirection):
                 angle = one.angle * (sign if index < self.from_touch else np.ones_like(sign))
-                found.append(((1.0 - scale) * angle - bias, one.variance))
+                found.append(((angle - bias) / (1.0 + scale), one.variance))
         return found
 
 

@@ -82,19 +82,22 @@ def direction(now: Records, row: Records, term: Records, angle: float, settings:
     """Contact direction: touch measures the direction in which a round tip is touched.
 
     The true direction points from the tip's centre to the nearest outline point, opposite to the outward normal n
-    there, seen in the sensor frame. The residual [rad] is the angle of `-n exp(i (bias - theta - (1 - scale) angle))`,
-    in (-pi, pi]. It is absolute and does not drift: it determines yaw on a straight edge, and the place on a round one.
+    there, seen in the sensor frame at psi, the angle of `-n exp(-i theta)`. The residual [rad] is
+    `(1 + scale) psi + bias - angle`, wrapped to (-pi, pi]. The scale multiplies psi and not the measured angle, whose
+    noise would look like a scale. The direction is absolute and does not drift: it determines yaw on a straight edge,
+    and the place on a round one.
     """
     touch, jacobian = now.touch, out.jacobian[0]
     bias, scale = row.shared[_BIAS - _SHARED], row.shared[_SCALE - _SHARED]
-    off = -touch.normal * rotation(bias - (1.0 - scale) * angle - now.g[2])
+    seen = -touch.normal * rotation(-now.g[2])
+    psi = math.atan2(seen.imag, seen.real)
     # The spline's gradient has length 1 except near the medial axis, where it may vanish.
     square = max(touch.normal.real**2 + touch.normal.imag**2, _NO_GRADIENT)
     for c in range(3):
-        jacobian[_G + c] = (touch.normal.conjugate() * touch.normal_by_g[c]).imag / square
-    jacobian[_G + 2] -= 1.0  # the direction stays while the sensor turns
-    jacobian[_BIAS], jacobian[_SCALE] = 1.0, angle
-    error = math.atan2(off.imag, off.real)
+        jacobian[_G + c] = (1.0 + scale) * (touch.normal.conjugate() * touch.normal_by_g[c]).imag / square
+    jacobian[_G + 2] -= 1.0 + scale  # the direction stays while the sensor turns
+    jacobian[_BIAS], jacobian[_SCALE] = 1.0, psi
+    error = wrap((1.0 + scale) * psi + bias - angle)
     return put_row(out, error, _inverse_variance(term, settings.direction), settings.direction.kernel)
 
 

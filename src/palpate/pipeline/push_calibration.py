@@ -198,12 +198,14 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     after = np.column_stack([np.append(mean, move * _STEP), np.minimum(sigmas, before[:, 1])])
     after[5, 0] = max(after[5, 0], 0.0)
     offset, scale, depth, outline, sideways, delay = map(tuple, after.tolist())
-    factor = direction.scale / (1.0 - scale[0])
+    factor = direction.scale * (1.0 + scale[0])
     if not LEAST_PITCH < unit.shown / sensor.shown / factor < MOST_PITCH:
         raise FileError(f"directions change by {factor:.2g} of what the pushes do: are the outlines in the right unit?")
     learnt = replace(
         calibration,
-        direction=DirectionCorrection(direction.offset + factor * offset[0], factor, offset[1], factor * scale[1]),
+        direction=DirectionCorrection(
+            direction.offset + direction.scale * offset[0], factor, offset[1], direction.scale * scale[1]
+        ),
         set_up=SetUp(sideways, delay, depth, outline),
         is_view_known=calibration.is_view_known or cost < mirrored - LEFT_OR_RIGHT,
     )
