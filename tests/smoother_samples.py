@@ -177,7 +177,7 @@ def batch(given: Contact, noise: NoiseSettings) -> Solved:
         _, normal, _ = outline_at(g[:, directed], model)
         touched = np.arctan2(-normal[..., 1], -normal[..., 0]) - g[:, directed, 2]
         bias, scale = values[:, IN_OBJECT[DIRECTION_BIAS]], values[:, IN_OBJECT[DIRECTION_SCALE]]
-        rows.append(se2.wrap((1.0 + scale) * se2.wrap(touched) + bias - direction) / direction_sigma)
+        rows.append(se2.wrap(touched + scale * np.sin(touched) + bias - direction) / direction_sigma)
         rows.append(se2.wrap(g[:, turned, 2] - offset[:, None] - turn) / turn_sigma)
         rows.append(offset / TURN_OFFSET.prior[1])
         return np.concatenate([row.reshape(len(poses), -1) for row in rows], axis=1)

@@ -69,7 +69,8 @@ def draw(of: DrawOf) -> Draw:
     o, e = push(MODEL, anywhere, g, STEPS, steering, phase, slip, torque, friction)
     g = se2.between(o, e)
     first, measured = noisy(o[0], noise.first_pose.deviation, rng), noisy(e, noise.sensor_pose.deviation, rng)
-    directions = (1.0 + values[:, IN_OBJECT[DIRECTION_SCALE]][:, 0]) * contact_directions(g, MODEL)
+    directions = contact_directions(g, MODEL)
+    directions += values[:, IN_OBJECT[DIRECTION_SCALE]][:, 0] * np.sin(directions)
     directions += values[:, IN_OBJECT[DIRECTION_BIAS]][:, 0]
     directions += rng.normal(0.0, of.direction * np.sqrt(noise.direction.share), g.shape[:-1])
     turns = g[..., 2] - rng.uniform(-np.pi, np.pi, count)

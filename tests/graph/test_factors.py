@@ -210,7 +210,8 @@ def test_direction(name, where, error):
     theta = angles(rng, where)
     g = near_corner(model, theta, rng) if name == "corner" else near_outline(name, model, theta, rng)
     bias, scale = rng.uniform(-0.3, 0.3, STATES), rng.uniform(-0.2, 0.2, STATES)
-    measured = se2.wrap((1.0 + scale) * contact_directions(g, model) + bias - error)
+    psi = contact_directions(g, model)
+    measured = se2.wrap(psi + scale * np.sin(psi) + bias - error)
     at = values_at(model, g[:, None], shared={DIRECTION_BIAS: bias, DIRECTION_SCALE: scale})
     # The Hessian's slope jumps between cells, by most where the L's inner corner bends the field: the rows of pushing
     # have it times the radius.

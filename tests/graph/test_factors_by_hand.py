@@ -165,7 +165,11 @@ def test_direction_by_hand():
     residual, jacobian = direction(np.array([-0.115 + RADIUS, 0.12, 0.0]), 0.0, 0.0, model)
     np.testing.assert_allclose(residual, [-0.927295218], atol=1e-4)
     # Turning by d about the apex carries the centre, 0.021 behind it, by -0.021 d in y: -0.021 * 0.6 / 0.025 - 1.
-    np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496, 1.0, 0.0]], rtol=1e-2)
+    # A scale counts by the sine of what is seen, -0.8.
+    np.testing.assert_allclose(jacobian, [[-32.0, -24.0, -0.496, 1.0, -0.8]], rtol=1e-2)
+    residual, jacobian = direction(np.array([-0.115 + RADIUS, 0.12, 0.0]), -0.5, 0.02, model, scale=0.1)
+    np.testing.assert_allclose(residual, [-0.927295218 - 0.08 + 0.02 + 0.5], atol=1e-4)
+    np.testing.assert_allclose(jacobian[0, 3:], [1.0, -0.8], atol=1e-4)
 
 
 def test_direction_on_a_disc_by_hand():

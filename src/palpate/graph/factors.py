@@ -173,7 +173,8 @@ class Step:
         for index, one in enumerate(self.measurements):
             if isinstance(one, ContactDirection):
                 angle = one.angle * (sign if index < self.from_touch else np.ones_like(sign))
-                found.append(((angle - bias) / (1.0 + scale), one.variance))
+                angle = angle - bias
+                found.append((angle - scale * np.sin(angle) / (1.0 + scale * np.cos(angle)), one.variance))
         return found
 
 

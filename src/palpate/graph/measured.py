@@ -83,21 +83,22 @@ def direction(now: Records, row: Records, term: Records, angle: float, settings:
 
     The true direction points from the tip's centre to the nearest outline point, opposite to the outward normal n
     there, seen in the sensor frame at psi, the angle of `-n exp(-i theta)`. The residual [rad] is
-    `(1 + scale) psi + bias - angle`, wrapped to (-pi, pi]. The scale multiplies psi and not the measured angle, whose
-    noise would look like a scale. The direction is absolute and does not drift: it determines yaw on a straight edge,
-    and the place on a round one.
+    `psi + scale sin(psi) + bias - angle`, wrapped to (-pi, pi]. The scale multiplies what is predicted and not the
+    measured angle, whose noise would look like a scale, and the sine, since psi jumps behind the tip. The direction is
+    absolute and does not drift: it determines yaw on a straight edge, and the place on a round one.
     """
     touch, jacobian = now.touch, out.jacobian[0]
     bias, scale = row.shared[_BIAS - _SHARED], row.shared[_SCALE - _SHARED]
     seen = -touch.normal * rotation(-now.g[2])
     psi = math.atan2(seen.imag, seen.real)
+    by_psi = 1.0 + scale * math.cos(psi)
     # The spline's gradient has length 1 except near the medial axis, where it may vanish.
     square = max(touch.normal.real**2 + touch.normal.imag**2, _NO_GRADIENT)
     for c in range(3):
-        jacobian[_G + c] = (1.0 + scale) * (touch.normal.conjugate() * touch.normal_by_g[c]).imag / square
-    jacobian[_G + 2] -= 1.0 + scale  # the direction stays while the sensor turns
-    jacobian[_BIAS], jacobian[_SCALE] = 1.0, psi
-    error = wrap((1.0 + scale) * psi + bias - angle)
+        jacobian[_G + c] = by_psi * (touch.normal.conjugate() * touch.normal_by_g[c]).imag / square
+    jacobian[_G + 2] -= by_psi  # the direction stays while the sensor turns
+    jacobian[_BIAS], jacobian[_SCALE] = 1.0, math.sin(psi)
+    error = wrap(psi + scale * math.sin(psi) + bias - angle)
     return put_row(out, error, _inverse_variance(term, settings.direction), settings.direction.kernel)
 
 
