@@ -27,7 +27,6 @@ _COST_SHARE, _MOST_OF_A_STEP = 0.3, 10.0
 """Share of the costs that counts, with which weights are right as often as they say unless somebody shoves the object;
 largest cost of a step above that of the best hypothesis."""
 _NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
-_NEAR, _NEAR_YAW = 2e-3, 0.02  # [m], [rad] differences below which two hypotheses are one
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
 
@@ -132,4 +131,4 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
 def are_near(pose: Array, others: Array) -> Flags:
     """Return True (...) where poses (..., 3) and others (..., 3) are the same for all that matters."""
     x, y, turn = (pose[..., i] - others[..., i] for i in range(3))
-    return (x * x + y * y < _NEAR**2) & (np.cos(turn) > math.cos(_NEAR_YAW))
+    return (x * x + y * y < 2e-3**2) & (np.cos(turn) > math.cos(0.02))  # [m], [rad]
