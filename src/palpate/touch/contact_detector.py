@@ -82,7 +82,7 @@ class ContactDetector:
         if image.ndim != 3 or image.shape[2] != 3:
             return image  # `update` refuses it
         image = self._view.of(image)
-        if self._size:
+        if self._size and image.shape[:2] != self._size:
             image = scaled(image, self._size)
         if self.background is None and not self._steady.seen:
             self._has_markers = has_markers(image)
