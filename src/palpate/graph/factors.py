@@ -107,7 +107,7 @@ ROW = _record(
     {"shared": f"{SHARED_SIZE}f8", "sign": "f8"}
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
     | {"past": PAST, "next_past": PAST}
-    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": f"({LONG},3)f8", "decrement": "f8"}
+    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": f"({LONG},3)f8", "change": "f8"}
     | {"inconsistency": "f8", "recent": f"(2,{len(NAMES) + 1})f8"}
     | {"innovations": f"({len(NAMES)},6,3)f8", "moved": f"{LAST_SIZE}f8"}
     | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_lost": "?"}
@@ -126,7 +126,7 @@ ROW = _record(
   the cost of their measurements; 0 until there are so many steps.
 - innovations: of the rows of each factor that arrived with the last step, see `Estimate.innovations`.
 - moved: change of the last step and the shared variables in the last Gauss-Newton step.
-- decrement: twice the decrease of the objective that the last Gauss-Newton step promised (Newton's decrement).
+- change: largest change of a pose in it [m, rad].
 - last_root, last_y: what is left of the last step and the shared variables once they are eliminated.
 - is_lost: True if there is no solution.
 """

@@ -20,7 +20,7 @@ from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SI
 
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
 _PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
-_CONVERGED = 0.5  # decrement at which a row has converged: the next frame takes another Gauss-Newton step
+_CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 
 
 @kernel
@@ -65,36 +65,53 @@ def improve(
     given: tuple[Records, Array, Surface, Records],
     changing: Flags,
     iterations: int,
+    is_alone: bool,
     is_new: bool,
 ) -> None:
-    """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge, but so many at most.
+    """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge.
 
     Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, and terms (T,) TERM. `own` are the
     steps (M,) of own measurements, and their rows, see `own_measurements.evaluated`. `given` are the settings from
     `make_factors`, variances (LAST_SIZE,) by which numbers of the last step and shared variables change from step to
-    step, the surfaces in contact, and room for computing (1,), `factors.WORK`. The last step `is_new` in the first call
-    after it was added. The flags of rows that have converged or have no solution are cleared.
+    step, the surfaces in contact, and room for computing (1,), `factors.WORK`. A row `is_alone`, or goes on until all
+    rows of its sign have converged, but for so many iterations at most. The last step `is_new` in the first call after
+    it was added.
     """
     settings, drift, surface, work = given
+    is_changed = changing.copy()
+    for _ in range(iterations):
+        for b in range(len(rows)):
+            if changing[b]:
+                row, its = rows[b], steps[b]
+                for k in range(len(its)):
+                    _put_touch(its[k], surface)
+                is_found = _eliminate_steps(
+                    its, left, row, terms, own[0], own[1][b], settings[0], surface.corners, drift, work[0]
+                )
+                if not (is_found and _move(its, row, work[0].change)):
+                    row.is_lost, row.change = True, 0.0
+        if not _drop_converged(rows, is_alone, changing):
+            break
     for b in range(len(rows)):
-        if not changing[b]:
-            continue
-        row, its, its_own = rows[b], steps[b], own[1][b]
-        for _ in range(iterations):
-            for k in range(len(its)):
-                _put_touch(its[k], surface)
-            is_found = _eliminate_steps(
-                its, left, row, terms, own[0], its_own, settings[0], surface.corners, drift, work[0]
-            )
-            row.is_lost = not (is_found and _move(its, row, work[0].change))
-            changing[b] = not row.is_lost and row.decrement >= _CONVERGED
-            if not changing[b]:
-                break
-        if not row.is_lost:
+        row, its = rows[b], steps[b]
+        if is_changed[b] and not row.is_lost:
             _put_touch(its[len(its) - 1], surface)
             _conclude(its, row, settings[0], is_new, work[0])
             _put_recent(its, left, row)
-            _put_innovations(its, left, row, terms, (own[0], its_own), settings[0], surface.corners, work[0].linear)
+            its_own_rows = own[0], own[1][b]
+            _put_innovations(its, left, row, terms, its_own_rows, settings[0], surface.corners, work[0].linear)
+
+
+@kernel
+def _drop_converged(rows: Records, is_alone: bool, changing: Flags) -> bool:
+    """Clear the flags of rows whose group has converged; False if all have."""
+    for b in range(len(rows)):
+        largest = 0.0
+        for c in range(len(rows)):
+            if c == b if is_alone else rows[c].sign == rows[b].sign:
+                largest = max(largest, rows[c].change)
+        changing[b] = changing[b] and largest >= _CONVERGED
+    return bool(changing.any())
 
 
 @kernel
@@ -226,9 +243,9 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
 @kernel
 def _move(steps: Records, row: Records, change: Array) -> bool:
     """Move all values, newest step first; False if a change is not finite. `change` (WIDTH,) is room."""
+    largest = 0.0
     if not substitute_back(STEP_SIZE, row.last_root, row.last_y, change):
         return False
-    row.decrement = _square(row.last_y)
     for i in range(SHARED_SIZE):
         row.shared[i] += change[2 * STEP_SIZE + i]
     for i in range(LAST_SIZE):
@@ -240,22 +257,15 @@ def _move(steps: Records, row: Records, change: Array) -> bool:
         turn = rotation(now.e[2] - now.g[2])
         place = position(now.e) - turn * position(now.g)
         now.object[0], now.object[1], now.object[2] = place.real, place.imag, wrap(now.e[2] - now.g[2])
+        for i in range(STEP_SIZE, 2 * STEP_SIZE):
+            largest = max(largest, abs(change[i]))
         if k > 0:
-            row.decrement += _square(steps[k - 1].y)
             if not substitute_back(0, steps[k - 1].root, steps[k - 1].y, change):
                 return False
             for i in range(STEP_SIZE):
                 change[STEP_SIZE + i] = change[i]
+    row.change = largest
     return True
-
-
-@kernel
-def _square(y: Array) -> float:
-    """Return the squared length of a vector."""
-    total = 0.0
-    for one in y:
-        total += one * one
-    return total
 
 
 @kernel

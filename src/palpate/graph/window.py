@@ -26,7 +26,7 @@ from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
 from palpate.types.measurements import OwnMeasurement
 
-_ITERATIONS = 8
+_ITERATIONS = 4
 _REMEMBERED = 1000  # steps that left the window whose costs are kept
 
 
@@ -167,7 +167,7 @@ class Window:
                 linear = self._own.evaluated(self._left, steps["g"], steps["e"], rows["shared"])
             own, most = (np.array([step for step, _ in self._own.given], np.int64), linear), _ITERATIONS // calls
             is_first = is_new and call == 0
-            improve(steps, self._left, rows, terms, own, self._given, changing, most, is_first)
+            improve(steps, self._left, rows, terms, own, self._given, changing, most, not is_new, is_first)
             if not changing.any():
                 break
         if rows["is_lost"].all():
