@@ -14,17 +14,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-import numpy as np
 from numba.core import config
 from numba.core.caching import FunctionCache
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Integers = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-Records = Any
-"""An array of a structured type, or one element of it, whose fields compiled code reads and sets by name."""
 F = TypeVar("F", bound=Callable[..., object])
 if not {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"} & set(os.environ):
     try:

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.arrays import Array
 from palpate.checks import SPAN, TURNS
 from palpate.compiled import is_cached
 from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
@@ -41,7 +42,6 @@ from palpate.types.measurements import (
 from palpate.types.sensor import POINT, SensorProfile, known_sensor
 
 logger = logging.getLogger(__name__)
-Array = NDArray[np.float64]
 
 ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad] an object that may be anywhere
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.compiled import Array, Flags
+from palpate.arrays import Array, Flags
 from palpate.config import NoiseSettings
 from palpate.filter.hypotheses import LIKELY, Hypotheses
 from palpate.geometry import se2

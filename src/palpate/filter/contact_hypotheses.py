@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.compiled import Array, Complex, Flags, Integers
+from palpate.arrays import Array, Complex, Flags, Integers
 from palpate.filter.consistency import is_unreliable
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
 from palpate.geometry import se2

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.compiled import Array, Flags, Integers
+from palpate.arrays import Array, Flags, Integers
 from palpate.config import Priors
 from palpate.graph.belief import Belief, RowArrays
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.compiled import Array
+from palpate.arrays import Array
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations

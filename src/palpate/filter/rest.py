@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.compiled import Array
+from palpate.arrays import Array
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor
 from palpate.filter.hypotheses import Hypotheses

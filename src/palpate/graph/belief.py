@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from palpate.compiled import Array, Flags, Integers
+from palpate.arrays import Array, Flags, Integers
 from palpate.config import Priors
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import ContactModel

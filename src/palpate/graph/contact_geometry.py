@@ -19,7 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.compiled import Array, Complex, Records, compiled, kernel
+from palpate.arrays import Array, Complex, Records
+from palpate.compiled import compiled, kernel
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.graph.se2_kernels import position, rotation

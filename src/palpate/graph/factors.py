@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.compiled import Array
+from palpate.arrays import Array
 from palpate.config import NoiseSettings
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel

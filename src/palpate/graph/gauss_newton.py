@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from palpate.compiled import Array, Flags, Integers, Records, compiled, kernel
+from palpate.arrays import Array, Flags, Integers, Records
+from palpate.compiled import compiled, kernel
 from palpate.graph import factors, measured, pushing
 from palpate.graph.contact_geometry import Surface, put_touch
 from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SENSOR_POSE, SHORT, STICKING

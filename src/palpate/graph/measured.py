@@ -5,7 +5,8 @@ A kernel writes the linearised rows of a factor and returns their number; see `f
 
 import math
 
-from palpate.compiled import Array, Records, kernel
+from palpate.arrays import Array, Records
+from palpate.compiled import kernel
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.graph.se2_kernels import adjoint, between, cauchy, log, log_by_pose, position, rotation, wrap
 from palpate.graph.variables import (

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from palpate.arrays import Array
 from palpate.checks import without_gradient
-from palpate.compiled import Array
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.graph.variables import (

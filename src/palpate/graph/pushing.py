@@ -8,7 +8,8 @@ linearised rows of a factor and returns their number; see `factors.LINEAR`.
 import math
 from typing import NamedTuple
 
-from palpate.compiled import Array, Records, kernel
+from palpate.arrays import Array, Records
+from palpate.compiled import kernel
 from palpate.graph.measured import put_row
 from palpate.graph.se2_kernels import cauchy, position, wrap
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, STEP_SIZE, column

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from palpate.compiled import Array, kernel
+from palpate.arrays import Array
+from palpate.compiled import kernel
 
 _SERIES_BELOW = 0.1  # [rad]; here the series below is exact to rounding and the closed form loses three digits
 

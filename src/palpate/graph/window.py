@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.compiled import Array, Flags
+from palpate.arrays import Array, Flags
 from palpate.config import Priors
 from palpate.errors import EstimationError
 from palpate.geometry import se2

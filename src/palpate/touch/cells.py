@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import Image, Levels
-from palpate.compiled import Records, compiled
+from palpate.arrays import Image, Levels, Records
+from palpate.compiled import compiled
 from palpate.errors import SettingError
 
 Light = NDArray[np.float64]
