@@ -111,12 +111,15 @@ def test_a_frame_that_cannot_be_used_repeats_the_estimate(caplog):
     assert len(run.summary["warnings"]) == 4 and run.summary["final_status"] == status[-1]
 
 
-def test_a_damaged_image_is_a_faulty_frame(run_palpate, caplog):
+def test_a_damaged_image_is_a_faulty_frame(run_palpate, caplog, monkeypatch):
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
     made = seen(pushed())
     images = [data[: len(data) // 2] if index in (0, 9, 25) else data for index, data in enumerate(made.image)]
     palpate.write_recording(replace(made, image=tuple(images)), "torn.mcap")
-    code, out, err = run_palpate("track", "torn.mcap", "--tactile", "none", "--json", "--html")
+    code, out, err = run_palpate("track", "torn.mcap", "--tactile", "none", "--json", "--view")
     assert code == 0, err
+    assert opened == [Path("runs/torn/page.html").resolve().as_uri()] and Path("runs/torn/page.html").exists()
     assert json.loads(out)["statuses"]["faulty"] == 3
     assert all(f"torn.mcap: image of frame {index}: " in caplog.text for index in (0, 9, 25))
     assert len(table("runs/torn/estimates.csv")) == 40

@@ -1,5 +1,6 @@
 """`palpate track`, `live`, `demo` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
+import webbrowser
 from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
@@ -26,6 +27,7 @@ def track(
     out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None,
     mcap: bool = False,
     html: bool = False,
+    view: bool = False,
     force: Force = False,
 ) -> Report:
     """Track the object of a recording, and write poses, covariances, scores and a figure to a folder.
@@ -37,6 +39,7 @@ def track(
         out: Folder of the run; of several files, the folder of their runs.
         mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
         html: Write a page that shows the push in any browser, page.html.
+        view: Write this page and open it.
     """
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import drawing
@@ -45,7 +48,7 @@ def track(
 
     if not files:
         raise SettingError("track takes a recording or several: palpate track FILE ...")
-    settings = estimator.settings(touch.tactile)
+    settings, has_page = estimator.settings(touch.tactile), html or view
     first_pose, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
     known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
@@ -60,7 +63,7 @@ def track(
                     nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
 
                 def keep(run: "palpate.Run", part: Path = part, plane: Any = plane if mcap else None) -> None:
-                    if html:
+                    if has_page:
                         with drawing(PAGE):
                             write_page(run, part / PAGE)
                     write_files(run, part, plane)
@@ -69,6 +72,8 @@ def track(
                     run = palpate.track(recording, settings, first_pose, **known, progress=progress, keep=keep)
                 keep(run)
             runs[folder] = run.summary
+            if view and (folder / PAGE).exists():  # a page that could not be drawn was warned of
+                webbrowser.open((folder / PAGE).resolve().as_uri())
         except PalpateError as error:
             if len(files) == 1:
                 raise
