@@ -72,12 +72,13 @@ def track(
                     run = palpate.track(recording, settings, first_pose, **known, progress=progress, keep=keep)
                 keep(run)
             runs[folder] = run.summary
-            if view and (folder / PAGE).exists():  # a page that could not be drawn was warned of
-                webbrowser.open((folder / PAGE).resolve().as_uri())
         except PalpateError as error:
             if len(files) == 1:
                 raise
             complain(f"{file}: {str(error).removeprefix(f'{file}: ')}")
+    for page in [folder / PAGE for folder in runs if view]:
+        if page.exists():  # one that could not be drawn was warned of
+            webbrowser.open(page.resolve().as_uri())
     if len(files) == 1:
         return run_report(*runs.popitem())
     shown = {str(folder): {key: summary[key] for key in SHOWN} for folder, summary in runs.items()}
