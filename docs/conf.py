@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 project, author, copyright = "palpate", "The palpate authors", "The palpate authors"
 version = release = palpate.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "mathml"]
 exclude_patterns = ["_build", "study"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath", "deflist"]
