@@ -11,12 +11,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {
-    "lines of the product": 13150,  # goal 12000
+    "lines of the product": 12910,  # goal 12000
     "lines of the laboratory": 6000,  # goal 6000
     "files in src": 122,
-    "lines of tests": 14150,
+    "lines of tests": 14100,
     "lines of scripts and benchmarks": 2450,
-    "words of docs": 18250,  # goal 18000
+    "words of docs": 18000,
     "numeric module constants": 158,
     "docstrings that open with a question word": 6,
     "percent of test lines in files that import inner modules": 43,

@@ -420,7 +420,7 @@ def eliminate(first: int, stop: int, system: Array, gradient: Array, root: Array
         for j in range(pivot, WIDTH):
             row[j] *= share
         y[p] = share * total
-    if stop - first == STEP_SIZE:
+    if stop - first == STEP_SIZE:  # else nothing is left
         _subtract_square(stop, root, y, system, gradient)
     return True
 
