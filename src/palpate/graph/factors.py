@@ -173,7 +173,7 @@ class Step:
         for index, one in enumerate(self.measurements):
             if isinstance(one, ContactDirection):
                 angle = one.angle * (sign if index < self.from_touch else np.ones_like(sign))
-                angle = angle - bias
+                angle = angle - bias  # then one Newton step towards psi + scale sin(psi) = angle
                 found.append((angle - scale * np.sin(angle) / (1.0 + scale * np.cos(angle)), one.variance))
         return found
 

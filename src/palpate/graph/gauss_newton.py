@@ -19,6 +19,7 @@ from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, L
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
+assert STEP_SIZE == 6, "_subtract_square writes out six rows"
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
 _PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
 _CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
