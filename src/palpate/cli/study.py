@@ -195,41 +195,30 @@ def tune(
     """
     from palpate.config import noise_of, write_noise
     from palpate.lab.study.recordings import find_recordings
-    from palpate.lab.tune.recorded_touch import record_touch_of_files
-    from palpate.lab.tune.tuning import check_evaluations, is_held_out
+    from palpate.lab.study.study import StudySettings
+    from palpate.lab.tune.tuning import check_evaluations
     from palpate.lab.tune.tuning import tune as tune_settings
 
-    settings = palpate.TrackerSettings(tactile=touch.tactile, noise=noise_of(start))
+    settings = StudySettings((touch.tactile,), palpate.TrackerSettings(noise=noise_of(start)))
     check_evaluations(evaluations)
     model, unit = touch.load(touch.tactile)
+    settings = replace(settings, model=model, calibration=unit, orientation=orientation)
     if out.exists() and out != Path(start):
         raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
     new_file(out, overwrite=True)
-    files = find_recordings(folder)
-    with progress_bar("reading touch", len(files)) as progress:
-        recorded, left_out = record_touch_of_files(files, touch.tactile, model, workers, progress, unit, orientation)
-    for error in left_out.values():
-        complain(f"left out: {error}")
-    about = {
-        "tactile": touch.tactile,
-        "start": start,
-        "recordings": [name for index, name in enumerate(recorded) if not is_held_out(index)],
-        "held_out": [name for index, name in enumerate(recorded) if is_held_out(index)],
-    }
 
     def keep(tuning: "Tuning") -> dict[str, Any]:
         """Write the settings of a tuning, and return what is said of it."""
         show(tuning.evaluations, f"{tuning.before.nats:.3f} -> {tuning.after.nats:.3f}")
-        names = ("before", "after", "held_out_before", "held_out_after")
-        judged = (tuning.before, tuning.after, *(tuning.held_out or (None, None)))
-        found = about | {
-            "evaluations": tuning.evaluations,
-            "parameters": {name: {"before": old, "after": new} for name, (old, new) in tuning.values.items()},
-            **{name: one and asdict(one) for name, one in zip(names, judged, strict=True)},
-        }
+        about = {key: value for key, value in asdict(tuning).items() if key not in ("settings", "left_out")}
+        found = {"tactile": touch.tactile, "start": start, **about}
         write_noise(tuning.settings.noise, out, found, overwrite=True)
         return found
 
     with progress_bar("tuning", evaluations) as show:
-        tuned = keep(tune_settings(list(recorded.values()), settings, evaluations, workers, keep))
+        tuning = tune_settings(find_recordings(folder), settings, evaluations, workers, keep)
+        tuned = keep(tuning)
+    for error in tuning.left_out.values():
+        complain(f"left out: {error}")
+    left_out = tuning.left_out
     return Report("tuning", {"out": str(out), **tuned, "left_out": left_out}, code=3 if left_out else 0)

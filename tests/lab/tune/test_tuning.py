@@ -8,26 +8,38 @@ from typing import Any
 import numpy as np
 import pytest
 from limit_surface import Steering, push
-from push_samples import SHAPES, contact_directions, draw_residuals, model_of, noisy, sensor, touching, with_settings
+from push_samples import SHAPES, draw_residuals, model_of, noisy, sensor, touching, with_settings
 from scipy.stats import multivariate_normal
 
-from palpate import ContactDirection, EstimationError, NoiseSettings, Recording, SettingError, TrackerSettings, Turn
+from palpate import (
+    EstimationError,
+    FileError,
+    NoiseSettings,
+    Recording,
+    SettingError,
+    TrackerSettings,
+    track,
+    write_recording,
+)
 from palpate.config import Priors
 from palpate.geometry import se2
+from palpate.lab.study.study import StudySettings, track_file
 from palpate.lab.tune import tuning
-from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
 from palpate.lab.tune.tuning import (
     TUNABLE,
     WORST,
+    Judgement,
     Tuning,
     judge,
     parameters_of,
+    scores_of,
     tune,
     value_of,
     with_value,
 )
 
-FELT, STEPS = 0.01, 16
+Files = dict[str, Path]
+STEPS = 16
 TRUE = with_settings(
     NoiseSettings(),
     sensor_pose={"deviation": (3e-4, 3e-4, 3e-3), "calibration": (0.0, 0.0, 0.0)},
@@ -44,31 +56,41 @@ TRUE = with_settings(
 
 
 @cache
-def drawn(count: int, seed: int = 0) -> tuple[RecordedTouch, ...]:
-    """Pushes of a rectangle, with what a sensor says of each frame, all drawn with TRUE."""
+def drawn(count: int, seed: int = 0) -> tuple[Recording, ...]:
+    """Pushes of a rectangle, all drawn with TRUE."""
     rng = np.random.default_rng(seed)
     model, steering = model_of("rectangle"), Steering()
     gap, slip, torque = draw_residuals(model, TRUE, steering.speed, np.pi, STEPS, count, rng)
     g = touching(model, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
     g[:, 0] -= gap
     o, e = push(model, rng.uniform(-1, 1, (count, 3)), g, STEPS, steering, rng.uniform(0, 6, count), slip, torque)
-    g, measured = se2.between(o, e), noisy(e, TRUE.sensor_pose.deviation, rng)
-    directions = contact_directions(g, model) + rng.normal(0.0, FELT, g.shape[:-1])
-    turns = g[..., 2] + rng.normal(0.0, FELT, g.shape[:-1])
+    measured = noisy(e, TRUE.sensor_pose.deviation, rng)
     time, touched = np.arange(STEPS + 1) / 30, np.ones(STEPS + 1, np.bool_)
-    found = []
-    for k in range(count):
-        recording = Recording(time, measured[:, k], SHAPES["rectangle"], sensor(), o[:, k], touched)
-        said = tuple(
-            (ContactDirection(float(direction), FELT**2), Turn(float(turn), FELT**2))
-            for direction, turn in zip(directions[:, k], turns[:, k], strict=True)
-        )
-        found.append(RecordedTouch(recording, o[:, k], said))
-    return tuple(found)
+    made = (Recording(time, measured[:, k], SHAPES["rectangle"], sensor(), o[:, k], touched) for k in range(count))
+    return tuple(made)
 
 
-def settings(**groups: dict[str, Any]) -> TrackerSettings:
-    return TrackerSettings(tactile="learnt", noise=with_settings(TRUE, **groups), hypotheses=1)
+@pytest.fixture
+def written(tmp_path):
+    """Write recordings as files, and return them by name."""
+
+    def write(recordings, names=()) -> Files:
+        names = names or [f"push-{k}.mcap" for k in range(len(recordings))]
+        for name, recording in zip(names, recordings, strict=True):
+            write_recording(recording, tmp_path / name)
+        return {name: tmp_path / name for name in names}
+
+    return write
+
+
+def settings(**groups: dict[str, Any]) -> StudySettings:
+    return StudySettings(("oracle",), TrackerSettings(noise=with_settings(TRUE, **groups), hypotheses=1))
+
+
+def judged(files: Files, using: StudySettings | None = None) -> Judgement:
+    found = judge(scores_of(files, using or settings()))
+    assert found is not None
+    return found
 
 
 @pytest.fixture
@@ -78,22 +100,24 @@ def _sticking_is_tuned(monkeypatch):
 
 
 @pytest.mark.usefixtures("_sticking_is_tuned")
-def test_noise_that_pushes_were_drawn_with_is_found_again():
+def test_noise_that_pushes_were_drawn_with_is_found_again(written):
     """On six short pushes, in twelve evaluations, from a start off by ten; the score on two others falls with it."""
-    true = TRUE.sticking.share
+    true, files = TRUE.sticking.share, written(drawn(8))
     assert true is not None
     start = settings(sticking={"share": 10.0 * true})
     seen: list[Tuning] = []
-    found = tune(drawn(8), start, 12, progress=seen.append)
-    before, after = found.values["sticking.share"]
+    found = tune(files, start, 12, progress=seen.append)
+    before, after = found.parameters["sticking.share"].values()
     assert before == pytest.approx(10.0 * true) and abs(np.log(after / true)) < np.log(3.0)
-    assert found.held_out is not None
-    worse, better = found.held_out
-    truth = judge(drawn(8)[3::4], settings())
+    assert found.held_out == ("push-3.mcap", "push-7.mcap")
+    worse, better = found.held_out_before, found.held_out_after
+    assert worse is not None and better is not None
+    truth = judged({name: files[name] for name in found.held_out})
     assert better.nats > worse.nats + 0.1 and better.nats > truth.nats - 0.4
     # What is reported is what the settings do, and nothing but what was asked for has changed.
     noise = found.settings.noise
-    assert judge([recorded for index, recorded in enumerate(drawn(8)) if index % 4 != 3], found.settings) == found.after
+    learning = {name: files[name] for name in found.recordings}
+    assert judged(learning, replace(start, tracker=found.settings)) == found.after
     assert noise == with_settings(TRUE, sticking={"share": noise.sticking.share})
     # It never gets worse on the way, and says so.
     assert [each.evaluations for each in seen] == list(range(1, len(seen) + 1)) and len(seen) > 4
@@ -102,25 +126,28 @@ def test_noise_that_pushes_were_drawn_with_is_found_again():
 
 
 @pytest.mark.usefixtures("_sticking_is_tuned")
-def test_tuning_twice_is_the_same():
-    start = settings(sticking={"share": 1.0})
-    assert tune(drawn(3), start, 2) == tune(drawn(3), start, 2, workers=2)  # two pools of processes
+def test_tuning_twice_is_the_same(written):
+    start, files = settings(sticking={"share": 1.0}), written(drawn(3))
+    assert tune(files, start, 2) == tune(files, start, 2, workers=2)  # two pools of processes
 
 
-def test_few_recordings_leave_none_to_judge_by():
-    found = tune(drawn(3), settings(), 1)
-    assert found.held_out is None and found.evaluations == 1
-    assert found.settings == settings() and found.before == found.after
-    with pytest.raises(SettingError, match="no recordings"):
-        tune([], settings())
+def test_few_recordings_leave_none_to_judge_by(written):
+    found = tune(written(drawn(3)), settings(), 1)
+    assert found.held_out_after is None and found.evaluations == 1
+    assert found.settings == settings().tracker and found.before == found.after
+    with pytest.raises(FileError, match="no recording can be tuned on"):
+        tune({}, settings())
+    with pytest.raises(SettingError, match="evaluations is 0"):
+        tune({}, settings(), 0)
 
 
 def test_parameters_are_those_that_matter_with_the_touch():
-    learnt = set(parameters_of(TrackerSettings("learnt")))
+    learnt = set(parameters_of(TrackerSettings(), "learnt"))
     assert {"direction.share", "turn.share", "sticking.share", "priors.grip"} <= learnt
-    oracle = set(parameters_of(TrackerSettings("oracle")))
+    oracle = set(parameters_of(TrackerSettings(), "oracle"))
     assert "turn.share" in oracle and "direction.share" not in oracle
-    assert "friction_cone.share" not in parameters_of(TrackerSettings("learnt", noise=TRUE))  # it is off
+    assert learnt == set(parameters_of(TrackerSettings(), "auto"))
+    assert "friction_cone.share" not in parameters_of(TrackerSettings(noise=TRUE), "learnt")  # it is off
 
 
 @pytest.mark.parametrize("name", TUNABLE)
@@ -136,7 +163,7 @@ def test_each_parameter_is_read_from_the_settings_and_put_into_them(name):
 
 def test_of_a_mean_and_a_deviation_the_deviation_is_tuned():
     given = {"friction_ratio": (0.2, 0.3), "friction_center": (0.1, 0.2), "grip": (0.5, 0.1), "depth": (3e-4, 1e-4)}
-    start = settings(priors=given)
+    start = settings(priors=given).tracker
     for name, before in given.items():
         now = with_value(start, f"priors.{name}", 0.05)
         assert value_of(start, f"priors.{name}") == before[1]
@@ -144,41 +171,40 @@ def test_of_a_mean_and_a_deviation_the_deviation_is_tuned():
         assert with_settings(now.noise, priors={name: before}) == start.noise
 
 
-def test_the_score_of_a_recording_by_hand():
-    recorded = replace(drawn(1)[0], truth=drawn(1)[0].truth.copy())
-    recorded.truth[5] = recorded.truth[-1] = np.nan
-    contact = np.ones(STEPS + 1, np.bool_)
+def test_the_score_of_a_recording_by_hand(written):
+    truth, contact = np.array(drawn(1)[0].object_pose), np.ones(STEPS + 1, np.bool_)
+    truth[5] = truth[-1] = np.nan
     contact[-4:] = False
-    recorded = replace(recorded, recording=replace(recorded.recording, contact=contact))
-    online = track_recorded(recorded, settings())
+    given = replace(drawn(1)[0], object_pose=truth, contact=contact)
+    online = track(given, replace(settings().tracker, tactile="oracle")).online
     touched = [*range(5), *range(6, 13)]  # 5 is not known
     normal = [multivariate_normal(np.zeros(3), covariance) for covariance in online.covariance[touched]]
-    off = se2.log(se2.between(online.pose, recorded.truth))[touched]
+    off = se2.log(se2.between(online.pose, truth))[touched]
     wanted = np.mean([one.logpdf(each) for one, each in zip(normal, off, strict=True)])
-    assert judge([recorded], settings()).nats == pytest.approx(wanted)
+    assert judged(written([given])).nats == pytest.approx(wanted)
 
 
-def test_kinds_of_recordings_count_alike_and_one_that_is_lost_hardly():
-    def named(recorded: RecordedTouch, name: str, off: float = 0.0) -> RecordedTouch:
-        recording = replace(recorded.recording, file=Path(name))
-        return replace(recorded, recording=recording, truth=recorded.truth + np.array([off, 0.0, 0.0]))
-
-    given = [named(drawn(4)[k], f"edges-{k}.mcap", off) for k, off in enumerate((0.0, 0.0, 1.0))]
-    given.append(named(drawn(4)[3], "disc-3.mcap"))
-    nats = [judge([each], settings()).nats for each in given]
-    assert nats[2] == WORST and judge(given, settings()).nats == pytest.approx(0.5 * (min(nats[:2]) + nats[3]))
+def test_kinds_of_recordings_count_alike_and_one_that_is_lost_hardly(written):
+    lost = replace(drawn(4)[2], first_pose=np.array([5.0, 5.0, 0.0]))
+    names = [*(f"edges-{k}.mcap" for k in range(3)), "disc-3.mcap"]
+    files = written([*drawn(4)[:2], lost, drawn(4)[3]], names)
+    nats = [judged({name: path}).nats for name, path in files.items()]
+    assert nats[2] == WORST and judged(files).nats == pytest.approx(0.5 * (min(nats[:2]) + nats[3]))
 
 
-def test_a_recording_that_is_given_up_has_the_worst_score(monkeypatch):
-    def gives_up(recorded, settings):
-        if recorded is drawn(2)[0]:
+def test_a_recording_that_is_given_up_has_the_worst_score(written, monkeypatch):
+    files = written(drawn(2))
+    first, second = files
+
+    def gives_up(path, method, settings):
+        if path == files[first]:
             raise EstimationError("no")
-        return track_recorded(recorded, settings)
+        return track_file(path, method, settings)
 
-    alone = judge(drawn(2)[1:], settings())
-    monkeypatch.setattr(tuning, "track_recorded", gives_up)
-    both = judge(drawn(2), settings())
+    alone = judged({second: files[second]})
+    monkeypatch.setattr(tuning, "track_file", gives_up)
+    both = judged(files)
     assert both.nats == pytest.approx(0.5 * (WORST + alone.nats))
     assert (both.given_up, both.translation_rmse_mm) == (1, alone.translation_rmse_mm)
-    none = judge(drawn(2)[:1], settings())
+    none = judged({first: files[first]})
     assert (none.nats, none.inside_95, none.given_up) == (WORST, None, 1)

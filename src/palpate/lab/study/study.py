@@ -27,7 +27,7 @@ from palpate.io import load_recording
 from palpate.lab.parallel import held_folder, quiet, spread
 from palpate.lab.study.recordings import group_of
 from palpate.pipeline.metrics import nees
-from palpate.pipeline.track import track
+from palpate.pipeline.track import Run, track
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker import warm_up
@@ -210,26 +210,35 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
             raise SettingError(f"{out}: was made with other settings ({change}); name another folder")
 
 
+def track_file(path: Path, method: str, settings: StudySettings) -> Run:
+    """Track the recording of a file by a method, without warnings; auto is learnt where there are images, else oracle.
+
+    Raises PalpateError if it cannot be read or tracked, SettingError or ShapeError if the method does not apply to it.
+    """
+    recording = load_recording(path, settings.orientation)
+    if method == "auto":
+        method = "oracle" if recording.image is None else "learnt"
+    tracker = replace(settings.tracker, tactile=cast(Tactile, method))
+    with quiet():
+        return track(recording, tracker, model=settings.model, calibration=settings.calibration)
+
+
 def _track(job: Job, settings: StudySettings) -> tuple[Job, Trial | _Failure]:
     """Track a recording by a method; errors are returned and not raised."""
     name, path, method = job
-    tracker = replace(settings.tracker, tactile=cast(Tactile, method))
-    recording: Recording | None = None
     try:
         stat = path.stat()
-        recording = load_recording(path, settings.orientation)
-        with quiet():
-            run = track(recording, tracker, model=settings.model, calibration=settings.calibration)
+        run = track_file(path, method, settings)
     except Exception as error:
         words = " ".join(str(error).split()).removeprefix(f"{path}: ")
         words = words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
-        return job, _Failure(words, recording is not None and isinstance(error, SettingError | ShapeError))
+        return job, _Failure(words, isinstance(error, SettingError | ShapeError))
     online, truth = run.online, run.truth
     trial = Trial(
         recording=name,
         method=method,
         file=[stat.st_size, stat.st_mtime_ns],
-        facts=_facts(recording, group_of(name)),
+        facts=_facts(run.recording, group_of(name)),
         summary=run.summary,
         time=online.time,
         truth=truth,

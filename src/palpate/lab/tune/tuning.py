@@ -1,28 +1,31 @@
 """Tuning of noise settings: maximise the log likelihood of true poses under the online estimates.
 
-The score of a recording is its mean over frames of contact, `metrics.log_likelihood`. That of a kind of recordings is
-the median, so that a push that is lost for good does not outweigh the others. All kinds count alike.
+The score of a recording is its mean over frames of contact, `nats` of `metrics.summarise`. That of a kind of recordings
+is the median, so that a push that is lost for good does not outweigh the others. All kinds count alike.
 
 An evaluation tracks all recordings anew. COBYQA models the score by a quadratic in a trust region and needs few
 evaluations; it works on logarithms, since noise is a matter of factors.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from statistics import fmean, median
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from palpate.arrays import Array, Flags
+from palpate.arrays import Array
 from palpate.config import TrackerSettings
-from palpate.errors import EstimationError, FileError, SettingError
-from palpate.lab.parallel import quiet, spread
+from palpate.errors import EstimationError, FileError, PalpateError, SettingError
+from palpate.lab.parallel import spread
 from palpate.lab.study.recordings import group_of
-from palpate.lab.tune.recorded_touch import RecordedTouch, track_recorded
-from palpate.pipeline.metrics import inside_95, log_likelihood, nees, rms, rotation_errors, translation_errors
+from palpate.lab.study.study import StudySettings, track_file
+
+Scores = Mapping[str, dict[str, Any] | str | None]
+"""Summaries of recordings by name; the reason where one cannot be used, None where the estimator could not go on."""
 
 WORST = -50.0
 """Score of a recording that the estimator gives up, and the least of any [nats]."""
@@ -58,7 +61,7 @@ class Judgement:
     rotation_rmse_deg: float | None
     """Median over recordings; None if all are given up."""
     inside_95: float | None
-    """Share of true poses in the 95 % region since the first contact."""
+    """Share of true poses in the 95 % region since the first contact, the mean over recordings."""
     given_up: int
     """Recordings in which the estimator could not go on."""
 
@@ -68,15 +71,23 @@ class Tuning:
     """The best settings so far."""
 
     settings: TrackerSettings
-    values: dict[str, tuple[float, float]]
-    """Each parameter at the start and now."""
+    parameters: dict[str, dict[str, float]]
+    """Each parameter `before`, at the start, and `after`, now."""
+    recordings: tuple[str, ...]
+    """Recordings tuned on."""
     before: Judgement
-    """Recordings tuned on, at the start."""
+    """Of these, at the start."""
     after: Judgement
-    """Recordings tuned on, now."""
-    evaluations: int
-    held_out: tuple[Judgement, Judgement] | None = None
-    """Recordings held out, before and after; None while tuning, or if there are none."""
+    """Of these, now."""
+    held_out: tuple[str, ...]
+    """Recordings held out, every fourth."""
+    held_out_before: Judgement | None
+    """Of these, at the start; None if there are none."""
+    held_out_after: Judgement | None = None
+    """Of these, at the end; None while tuning."""
+    left_out: dict[str, str] = field(default_factory=dict)
+    """Reason why a recording cannot be used, by name."""
+    evaluations: int = 1
 
 
 class _Spent(Exception):
@@ -84,56 +95,66 @@ class _Spent(Exception):
 
 
 def tune(
-    recordings: Sequence[RecordedTouch],
-    settings: TrackerSettings,
+    files: Mapping[str, Path],
+    settings: StudySettings,
     evaluations: int = 100,
     workers: int = 1,
     progress: Callable[[Tuning], object] | None = None,
 ) -> Tuning:
-    """Tune the settings of `parameters_of`, starting from these; the same input gives the same result.
+    """Tune the parameters of the settings' tracker on recordings by name; the same input gives the same result.
 
-    `progress` is called after each evaluation. Every fourth recording is held out. Raises SettingError on fewer than 1
-    evaluations and without recordings.
+    The only method of the settings may be auto, too: learnt where there are images, else oracle. `progress` is called
+    after each evaluation. Raises SettingError on fewer than 1 evaluations, FileError if no recording can be used.
     """
     from scipy.optimize import minimize
 
     check_evaluations(evaluations)
-    names = parameters_of(settings)
-    if not recordings:
-        raise SettingError("there are no recordings to tune on")
-    learning = [recorded for index, recorded in enumerate(recordings) if not is_held_out(index)]
-    judging = [recorded for index, recorded in enumerate(recordings) if is_held_out(index)]
-    before = judge(learning, settings, workers)
-    start = np.array([value_of(settings, name) for name in names])
-    best = Tuning(settings, _values(names, settings, settings), before, before, 1)
+    start = settings.tracker
+    names = parameters_of(start, settings.methods[0])
+    first = scores_of(files, settings, workers)
+    left_out = {name: why for name, why in first.items() if isinstance(why, str)}
+    used = [name for name in files if name not in left_out]
+    if not used:
+        raise FileError(f"no recording can be tuned on; the first: {next(iter(left_out.values()), 'there is none')}")
+    judging = used[3::4]
+    learning = [name for name in used if name not in judging]
+    before, other = (judge({name: first[name] for name in some}) for some in (learning, judging))
+    assert before is not None
+
+    def changes(now: TrackerSettings) -> dict[str, dict[str, float]]:
+        return {name: {"before": value_of(start, name), "after": value_of(now, name)} for name in names}
+
+    def judged(recordings: Sequence[str], tracker: TrackerSettings) -> Judgement | None:
+        return judge(scores_of({name: files[name] for name in recordings}, replace(settings, tracker=tracker), workers))
+
+    best = Tuning(start, changes(start), tuple(learning), before, before, tuple(judging), other, left_out=left_out)
     if progress:
         progress(best)
 
     def objective(logarithms: Array) -> float:
         nonlocal best
-        tried = settings
+        tried = start
         for name, value in zip(names, np.exp(logarithms).tolist(), strict=True):
             tried = with_value(tried, name, value)
-        if tried == settings:
+        if tried == start:
             return -before.nats
         if best.evaluations == evaluations:
             raise _Spent
-        found = judge(learning, tried, workers)
+        found = judged(learning, tried)
+        assert found is not None
         if found.nats > best.after.nats:
-            best = replace(best, settings=tried, values=_values(names, settings, tried), after=found)
+            best = replace(best, settings=tried, parameters=changes(tried), after=found)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
         return -found.nats
 
     bounds = np.log([TUNABLE[name] for name in names])
-    first = np.clip(np.log(np.maximum(start, 1e-300)), *bounds.T)
+    at = np.clip(np.log([max(value_of(start, name), 1e-300) for name in names]), *bounds.T)
     radii = {"initial_tr_radius": 0.7, "final_tr_radius": 0.02}  # factors of 2 and 1.02
     with suppress(_Spent):
-        minimize(objective, first, method="COBYQA", bounds=bounds, options=radii)
-    if judging:
-        best = replace(best, held_out=(judge(judging, settings, workers), judge(judging, best.settings, workers)))
-    return best
+        minimize(objective, at, method="COBYQA", bounds=bounds, options=radii)
+    return replace(best, held_out_after=judged(judging, best.settings))
 
 
 def check_evaluations(evaluations: int) -> None:
@@ -142,63 +163,54 @@ def check_evaluations(evaluations: int) -> None:
         raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
 
 
-def is_held_out(index: int) -> bool:
-    """Return true for the recordings, by number, that are judged and not tuned on: every fourth."""
-    return index % 4 == 3
+def scores_of(files: Mapping[str, Path], settings: StudySettings, workers: int = 1) -> Scores:
+    """Track recordings by name, in so many processes; return their scores in the same order."""
+    found = dict(spread(partial(_scored, settings=settings), files.items(), workers))
+    return {name: found[name] for name in files}
 
 
-def judge(recordings: Sequence[RecordedTouch], settings: TrackerSettings, workers: int = 1) -> Judgement:
-    """Track all recordings in so many processes, and score them."""
-    by_index = dict(spread(partial(_scored, settings=settings), list(enumerate(recordings)), workers))
-    scores = [by_index[index] for index in range(len(recordings))]  # in their order, on which sums depend
-    done = [each for each in scores if each is not None]
+def judge(scores: Scores) -> Judgement | None:
+    """Return the judgement on recordings that can be used; None if there are none."""
+    if not scores:
+        return None
+    done = [each for each in scores.values() if isinstance(each, dict)]
     kinds: dict[str, list[float]] = {}
-    for recorded, each in zip(recordings, scores, strict=True):
-        file = recorded.recording.file
-        kinds.setdefault(group_of(file.name) if file else "", []).append(WORST if each is None else each.nats)
+    for name, each in scores.items():
+        nats = max(each["nats"], WORST) if isinstance(each, dict) else WORST
+        kinds.setdefault(group_of(name), []).append(nats)
+
+    def of_all(middle: Callable[[list[float]], float], key: str) -> float | None:
+        return middle([each[key] for each in done]) if done else None
+
     return Judgement(
         recordings=len(scores),
         nats=fmean(map(median, kinds.values())),
-        translation_rmse_mm=1e3 * float(np.median([each.translation for each in done])) if done else None,
-        rotation_rmse_deg=float(np.degrees(np.median([each.rotation for each in done]))) if done else None,
-        inside_95=float(np.mean(np.concatenate([each.inside for each in done]))) if done else None,
+        translation_rmse_mm=of_all(median, "translation_rmse_mm"),
+        rotation_rmse_deg=of_all(median, "rotation_rmse_deg"),
+        inside_95=of_all(fmean, "in_95_share"),
         given_up=len(scores) - len(done),
     )
 
 
-class _Scores(NamedTuple):
-    """One tracked recording: score, RMSE [m] and [rad], true poses inside of their regions."""
-
-    nats: float
-    translation: float
-    rotation: float
-    inside: Flags
-
-
-def _scored(job: tuple[int, RecordedTouch], settings: TrackerSettings) -> tuple[int, _Scores | None]:
-    """Return the index and the scores of a recording, None if the estimator gives up."""
-    index, recorded = job
+def _scored(named: tuple[str, Path], settings: StudySettings) -> tuple[str, dict[str, Any] | str | None]:
+    """Return the name of a recording, and its summary or why there is none."""
+    name, path = named
     try:
-        with quiet():  # settings that are tried may be bad ones
-            online = track_recorded(recorded, settings)
-    except (EstimationError, FileError):  # the latter if an estimate is not finite
-        return index, None
-    contact, covariance, truth = recorded.recording.contact, online.covariance, recorded.truth
-    assert contact is not None and covariance is not None
-    known, squared = np.isfinite(truth[:, 0]), nees(online.pose, covariance, truth)
-    score = np.nan_to_num(log_likelihood(squared, covariance)[known & contact], nan=WORST).mean()  # if singular
-    inside = inside_95(squared[known & np.maximum.accumulate(contact)])
-    translation, rotation = rms(translation_errors(online.pose, truth)), rms(rotation_errors(online.pose, truth))
-    return index, _Scores(max(float(score), WORST), translation or 0.0, rotation or 0.0, inside)
+        run = track_file(path, settings.methods[0], settings)
+    except EstimationError:
+        return name, None
+    except PalpateError as error:
+        return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
+    if not np.isfinite(run.truth).any():
+        return name, f"{path}: has no ground truth, which noise is learnt from"
+    if run.summary["nats"] is None:
+        return name, f"{path}: is never in contact where ground truth is known, so there is nothing to score"
+    return name, run.summary
 
 
-def _values(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, tuple[float, float]]:
-    return {name: (value_of(start, name), value_of(now, name)) for name in names}
-
-
-def parameters_of(settings: TrackerSettings) -> tuple[str, ...]:
-    """Return the parameters that matter with the settings' touch and are not off."""
-    modes = {"learnt", "oracle"} if settings.tactile == "auto" else {settings.tactile}
+def parameters_of(settings: TrackerSettings, tactile: str) -> tuple[str, ...]:
+    """Return the parameters that matter with a kind of touch and are not off."""
+    modes = {"learnt", "oracle"} if tactile == "auto" else {tactile}
     only_in = {"direction.share": {"learnt"}, "turn.share": {"learnt", "oracle"}}
     matter = [name for name in TUNABLE if modes & only_in.get(name, modes)]
     return tuple(name for name in matter if _setting(settings, name) is not None)
