@@ -85,15 +85,13 @@ class Tracker:
         self._gate = InputGate(sensor, calibration)
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
-        replayed = getattr(touch, "correction", None)  # in measurements that were read from images before
-        is_own = self._is_touch_given and replayed is None
-        correction = replayed or (calibration.direction if calibration else UNCORRECTED)
-        pitch_sigma = 0.0 if is_own else sensor.pixel_pitch_sigma
+        correction = calibration.direction if calibration else UNCORRECTED
+        pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
         self._bank = HypothesisBank(
             contact_model(shape, sensor),
             replace(settings, noise=with_correction(settings.noise, correction, pitch_sigma)),
             *self._first,
-            may_be_mirrored=not (is_view_known or is_own),
+            may_be_mirrored=not (is_view_known or self._is_touch_given),
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.arrays import Array, Image
-from palpate.config import NoiseSettings, Tactile
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError, FileError
 from palpate.filter.hypotheses import costs_of_contact
 from palpate.geometry import se2
@@ -70,25 +70,6 @@ _Fit = tuple[float, Array, Array]
 _APART = 4.0  # misfit from which pushes are not of one robot
 
 
-def read_touch(
-    recording: Recording, tactile: Tactile, model: TouchModel | None, calibration: Calibration | None
-) -> Iterator[tuple[bool, tuple[Measurement, ...]]]:
-    """Yield contact and measurements of each frame, as the tracker reads them from its image; none without a model."""
-    if calibration is None:
-        calibration = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), tactile)
-    sensor = turned_as(recording.sensor, calibration)
-    detector, touch = ContactDetector(sensor, calibration), TouchReader(tactile, sensor, model, calibration)
-    touching = False
-    for frame in recording:
-        assert frame.image is not None
-        image = detector.read(frame.image)
-        was_touching, touching = touching, detector.update(image)
-        if was_touching and not touching:
-            touch.end_contact()
-        frame = replace(frame, image=image)
-        yield touching, tuple(touch.read(frame, detector.background)) if touching and model else ()
-
-
 def first_images(recordings: Sequence[Recording]) -> Iterator[Image]:
     """Yield the images of the first half second of each recording, which are taken as untouched."""
     for recording in recordings:
@@ -110,10 +91,22 @@ def read_push(recording: Recording, model: TouchModel, calibration: Calibration 
     name = recording.file or "the recording"
     if recording.image is None:
         raise FileError(f"{name}: has no images, and a calibration by pushes reads touch from them")
-    contact, measurements = zip(*read_touch(recording, "learnt", model, calibration), strict=True)
+    if calibration is None:
+        calibration = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), "learnt")
+    sensor = turned_as(recording.sensor, calibration)
+    detector, touch = ContactDetector(sensor, calibration), TouchReader("learnt", sensor, model, calibration)
+    contact, measurements = [False], []
+    for frame in recording:
+        assert frame.image is not None
+        image = detector.read(frame.image)
+        contact.append(detector.update(image))
+        if contact[-2] and not contact[-1]:
+            touch.end_contact()
+        frame = replace(frame, image=image)
+        measurements.append(tuple(touch.read(frame, detector.background)) if contact[-1] else ())
     if not any(contact):
         raise FileError(f"{name}: is never in contact, and a calibration by pushes needs contacts")
-    return Push(replace(recording, image=None, contact=np.array(contact)), measurements)
+    return Push(replace(recording, image=None, contact=np.array(contact[1:])), measurements)
 
 
 @dataclass(frozen=True, eq=False)
