@@ -5,9 +5,8 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
-from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,7 +29,12 @@ def spread(
     """
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
-    return _in_processes(function, items, workers) if dask is None else _on_cluster(function, iter(items), dask)
+    if workers == 1 and dask is None:
+        yield from (_alone(function, item) for item in items)
+        return
+    with _processes(workers) if dask is None else _cluster(dask) as pool:
+        for task in as_completed({pool.submit(_alone, function, item) for item in items}):
+            yield task.result()
 
 
 @contextmanager
@@ -84,35 +88,26 @@ def quiet() -> Iterator[None]:
         logging.disable(before)
 
 
-def _in_processes(
-    function: Callable[[Item], Result], items: Iterable[Item], workers: int
-) -> Generator[Result, None, None]:
-    if workers == 1:
-        yield from (_alone(function, item) for item in items)
-        return
+@contextmanager
+def _processes(workers: int) -> Iterator[Executor]:
     # A forked worker has what is loaded here, and finds no modules in the working folder. Torch's threads do not
     # outlive a fork.
     method = "fork" if sys.platform == "linux" and "torch" not in sys.modules else "spawn"
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
     try:
-        pool = ProcessPoolExecutor(workers, get_context(method), signal.signal, (signal.SIGINT, signal.SIG_DFL))
-        tasks = as_completed({pool.submit(_alone, function, item) for item in items})
-    except (OSError, NotImplementedError) as error:
+        with ProcessPoolExecutor(workers, get_context(method), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
+            try:
+                yield pool
+            finally:
+                pool.shutdown(cancel_futures=True)
+    except BrokenExecutor as error:
+        raise _died() from error
+    except (BlockingIOError, NotImplementedError) as error:
         raise SettingError(f"worker processes cannot start ({error}); with workers 1 none are needed") from error
-    with pool:
-        try:
-            for task in tasks:
-                yield task.result()
-        except BrokenExecutor as error:
-            raise _died() from error
-        finally:
-            pool.shutdown(cancel_futures=True)
 
 
-def _on_cluster(
-    function: Callable[[Item], Result], items: Iterator[Item], address: str
-) -> Generator[Result, None, None]:
-    """Do the same on a cluster."""
+@contextmanager
+def _cluster(address: str) -> Iterator[Executor]:
     dask = required("--dask", "cluster", "distributed")
     try:
         client: Any = dask.Client(address, timeout=10, set_as_default=False)
@@ -122,18 +117,9 @@ def _on_cluster(
     with client:
         try:
             client.wait_for_workers(1, timeout=10)
+            yield client.get_executor(pure=False)
         except TimeoutError as error:
             raise SettingError(f"the Dask scheduler at {address!r} has no workers; start some") from error
-
-        def submitted(count: int) -> list[Any]:
-            return [client.submit(_alone, function, item, pure=False) for item in islice(items, count)]
-
-        # Two for each core keep all busy and the cluster's memory small.
-        tasks = dask.as_completed(submitted(2 * sum(client.ncores().values())), loop=client.loop)
-        try:
-            for task in tasks:
-                tasks.update(submitted(1))
-                yield task.result()
         except dask.KilledWorker as error:
             raise _died() from error
 
