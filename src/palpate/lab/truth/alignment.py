@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from palpate.arrays import Array, Flags
 from palpate.errors import FileError
 from palpate.geometry import se2
-from palpate.lab.truth.camera import TagTrack
+from palpate.lab.truth.camera import TagTrack, laid_over
 from palpate.types.recording import Recording
 
 
@@ -55,8 +55,9 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
     used = (tag.time + delay > time[0]) & (tag.time + delay < time[-1])
     if used.sum() < 20:
         raise FileError(f"the sensor's tag is seen in {used.sum()} pictures of the recording's time, 20 are needed")
-    table = _laid_over(sensor_at(tag.time[used] + delay), tag.pose[used])
-    mount = se2.between(sensor_at(tag.time[used] + delay), se2.compose(table, tag.pose[used]))
+    sensor = sensor_at(tag.time[used] + delay)
+    table = laid_over(tag.pose[used, :2], sensor[:, :2])
+    mount = se2.between(sensor, se2.compose(table, tag.pose[used]))
     start = np.concatenate([table, [0.0, 0.0, np.angle(np.exp(1j * mount[:, 2]).mean())], [delay]])
     noise = tag.sigma + np.array([1e-4, 1e-4, 1e-3])  # [m, m, rad], the latter of the robot
 
@@ -114,11 +115,3 @@ def _delay(time: Array, angle: Array, tag: TagTrack) -> float:
     )
     agreement = 2.0 * np.correlate(robot, video, "full") - np.correlate(robot**2, np.ones(len(video)), "full")
     return float((np.argmax(agreement) - (len(video) - 1)) * step + time[0] - tag.time[0])
-
-
-def _laid_over(sensor: Array, tag: Array) -> Array:
-    """Return world_T_table (3,) that lays the tag's path over the sensor's."""
-    a, b = tag[:, :2] - tag[:, :2].mean(axis=0), sensor[:, :2] - sensor[:, :2].mean(axis=0)
-    angle = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
-    shift = sensor[:, :2].mean(axis=0) - se2.rotation(np.array(angle)) @ tag[:, :2].mean(axis=0)
-    return np.array([*shift, angle])

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.checks import checked_array
+from palpate.checks import NUMBERS, checked_array
 from palpate.errors import FileError
-from palpate.files import existing_file, read_json, whole_file
+from palpate.files import existing_file, in_file, read_json, whole_file
+from palpate.geometry import se2
 from palpate.lab.truth.tags import OBJECT, SENSOR, TABLE, Gray, Tag, board, find_tags
 
 
@@ -87,16 +88,15 @@ def save_camera(camera: Camera, path: Path, overwrite: bool = False) -> None:
 
 def load_camera(path: Path) -> Camera:
     """Return the camera that `save_camera` wrote. Raises FileError on anything else."""
-    data, numbers = read_json(path), ("fi", "numbers")
+    data = read_json(path)
     try:
-        matrix = checked_array("matrix", data["matrix"], numbers, (3, 3)).tolist()
-        height, width = checked_array("size", data["size"], ("i", "whole numbers"), (2,)).tolist()
-        distortion = checked_array("distortion", data["distortion"], numbers, ("N",)).tolist()
-        return Camera((height, width), tuple(map(tuple, matrix)), tuple(distortion), float(data["error"]))
+        with in_file(path):
+            matrix = checked_array("matrix", data["matrix"], NUMBERS, (3, 3)).tolist()
+            height, width = checked_array("size", data["size"], ("i", "whole numbers"), (2,)).tolist()
+            distortion = checked_array("distortion", data["distortion"], NUMBERS, ("N",)).tolist()
+            return Camera((height, width), tuple(map(tuple, matrix)), tuple(distortion), float(data["error"]))
     except (KeyError, TypeError, ValueError) as error:
         raise FileError(f"{path}: is no camera of palpate truth-camera ({error!r})") from error
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from error
 
 
 def read_video(path: Path) -> Iterator[tuple[float, Gray]]:
@@ -148,7 +148,9 @@ def track_tags(pictures: Iterable[tuple[float, Gray]], camera: Camera) -> tuple[
         side = np.linalg.norm(on_table - np.roll(on_table, 1, axis=1), axis=2).mean()
         height = float(eye[2] * (1.0 - tag.size / side))
         # Distances shrink in proportion towards the camera.
-        pose, off = _fitted(tag, eye[:2] + (1.0 - height / eye[2]) * (on_table - eye[:2]))
+        seen_at = eye[:2] + (1.0 - height / eye[2]) * (on_table - eye[:2])
+        pose = laid_over(tag.corners, seen_at)
+        off = seen_at - se2.transform(pose[:, None], tag.corners)
         per_corner = np.sqrt((off**2).sum() / max(5 * len(off), 1))  # 8 numbers a square, 3 of them the pose
         sigma = per_corner * np.array([0.5, 0.5, 1.0 / np.sqrt((tag.corners**2).sum())])
         return TagTrack(times[tag.number], pose, sigma, height)
@@ -169,13 +171,9 @@ def _camera_pose(camera: Camera, corners: dict[int, Array]) -> tuple[Array, Arra
     return rotation, -rotation @ shift[:, 0]
 
 
-def _fitted(tag: Tag, points: Array) -> tuple[Array, Array]:
-    """Return poses (N, 3) of a tag with corners at points (N, 4, 2) [m], and the residuals of these (N, 4, 2) [m]."""
-    middle = points.mean(axis=1)
-    away = points - middle[:, None]
-    model = tag.corners - tag.corners.mean(axis=0)
-    cos = np.einsum("nij,ij->n", away, model)
-    sin = np.einsum("ni,i->n", away[:, :, 1], model[:, 0]) - np.einsum("ni,i->n", away[:, :, 0], model[:, 1])
-    angle = np.arctan2(sin, cos)
-    turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(-1, 2, 2)
-    return np.column_stack([middle, angle]), away - model @ turned.transpose(0, 2, 1)
+def laid_over(points: Array, others: Array) -> Array:
+    """Return the poses (..., 3) that lay points (K, 2) [m] over others (..., K, 2) [m] with the least squares."""
+    a, b = points @ np.array([1.0, 1j]), others @ np.array([1.0, 1j])
+    turn = ((a - a.mean()).conj() * (b - b.mean(axis=-1, keepdims=True))).sum(axis=-1)
+    middle = b.mean(axis=-1) - turn / np.abs(turn) * a.mean()
+    return np.stack([middle.real, middle.imag, np.angle(turn)], axis=-1)
