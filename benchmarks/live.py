@@ -28,14 +28,14 @@ from palpate import DIGIT, Rectangle, write_recording
 from palpate.io.estimates import POSES
 from palpate.io.recording_mcap import IMAGES
 from palpate.io.rosbag_reader import bag_messages
-from palpate.lab.simulate.recordings import simulate_recording
+from palpate.lab.simulate.recordings import Simulation
 
 
 def main(rate: float = 30.0, seconds: float = 300.0) -> None:
     """Make the push, replay it and print the results."""
     with tempfile.TemporaryDirectory() as folder:
         path, recorded = Path(folder) / "push.mcap", Path(folder) / "live.mcap"
-        push = simulate_recording(Rectangle(0.2363, 0.1579), "rectangle-edges", 1, seconds * rate / DIGIT.rate)
+        push = Simulation(Rectangle(0.2363, 0.1579), "rectangle-edges", 1, seconds * rate / DIGIT.rate).run()
         write_recording(replace(push, time=push.time * DIGIT.rate / rate), path)
         words = ["live", "--replay", str(path), "--record", str(recorded), "--json"]
         summary, memory = watched([sys.executable, "-m", "palpate", *words])

@@ -33,7 +33,7 @@ from threadpoolctl import threadpool_limits
 from palpate import DIGIT, ContactDirection, Frame, Measurement, Rectangle, Tracker, TrackerSettings, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
-from palpate.lab.simulate.recordings import simulate_recording
+from palpate.lab.simulate.recordings import Simulation
 
 Array = NDArray[np.float64]
 Row = dict[str, float | str]
@@ -85,7 +85,7 @@ def timed(begin: Callable[[], Callable[[Any], Any]], inputs: Sequence[Any]) -> t
 def with_images() -> Iterator[Timing]:
     """Time one answer, frames at rest and eight answers, on simulated recordings with set-up errors."""
     for answers in (1, 8):
-        given = simulate_recording(SHAPE, "rectangle-edges", 2, FRAMES / DIGIT.rate, knocks=answers > 1)
+        given = Simulation(SHAPE, "rectangle-edges", 2, FRAMES / DIGIT.rate, knocks=answers > 1).run()
         settings = replace(TrackerSettings("learnt"), hypotheses=answers)
         sigma = given.first_pose_sigma if answers == 1 else (0.02, 0.02, 0.3)  # [m, m, rad]
         first = given.first_pose

@@ -45,9 +45,9 @@ HAND = SensorProfile("CMU two-finger hand", radius=0.0025, tips=((0.0, 0.009), (
 @cache
 def simulated(what: str, seed: int, sensor: SensorProfile = DIGIT, seconds: float = 6.0, **options: Any) -> Recording:
     """Simulate pushes of an object, at a place if it has several: "rectangle corners"."""
-    from palpate.lab.simulate.recordings import simulate_recording
+    from palpate.lab.simulate.recordings import Simulation
 
-    return simulate_recording(*_shape_and_kind(what), seed, seconds, sensor=sensor, **options)
+    return Simulation(*_shape_and_kind(what), seed, seconds, sensor=sensor, **options).run()
 
 
 def pushed_by_two_fingers(what: str, seed: Any, seconds: float = 6.0, **options: Any) -> Recording:

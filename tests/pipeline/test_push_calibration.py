@@ -9,7 +9,7 @@ import pytest
 from palpate import Calibration, ContactDirection, FileError, Frame, Tracker, Turn
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES, scaled
-from palpate.lab.simulate.recordings import simulate_recording
+from palpate.lab.simulate.recordings import Simulation
 from palpate.pipeline.push_calibration import Push, PushFit, learn_from_pushes, read_push
 from palpate.touch.background import background_of
 from palpate.touch.calibration import SetUp, load_calibration, write_calibration
@@ -24,7 +24,7 @@ SHOWS_LATE = 3  # frames: two that a touch takes to show, and one
 def exact() -> list:
     pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
     kinds = (("disc", "disc"), ("ellipse", "ellipse"), ("rectangle", "rectangle-edges"))
-    return [simulate_recording(SHAPES[name], kind, 5, 12.0, images=False, ideal=True) for name, kind in kinds]
+    return [Simulation(SHAPES[name], kind, 5, 12.0, images=False, ideal=True).run() for name, kind in kinds]
 
 
 def as_read(recording, offset: float = OFFSET) -> Push:

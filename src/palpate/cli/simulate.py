@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -40,6 +40,21 @@ class Pushes:
     images: Annotated[bool, arg(default="with images")] = True
     """Make no touch images, which is faster."""
 
+    def simulations(self, seed: int, unit: int | None) -> dict[str, Any]:
+        """Return what to simulate, by file name. Raises SettingError."""
+        from palpate.geometry.shapes import SHAPES
+        from palpate.lab.simulate.recordings import plan
+        from palpate.types.sensor import known_sensor
+
+        shapes = {}
+        for given in self.shape or ("disc", "rectangle", "ellipse"):
+            name = Path(given).stem if Path(given).is_file() and given not in SHAPES else given
+            if name in shapes:
+                raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
+            shapes[name] = palpate.load_shape(given, self.shape_unit)
+        given = {name: getattr(self, name) for name in ("seconds", "images", "knocks", "ideal")}
+        return plan(shapes, self.count, seed, unit=unit, sensor=known_sensor(self.sensor), **given)
+
 
 def simulate(
     folder: Annotated[Path, arg("DIR")],
@@ -65,41 +80,29 @@ def simulate(
         shard: Make every Nth recording from the Kth on, as one of N machines.
         resume: Keep the recordings that are there and make the rest.
     """
-    from palpate.geometry.shapes import SHAPES
-    from palpate.lab.simulate.recordings import SUFFIX, plan, simulate_folder
-    from palpate.lab.simulate.replay import replay_folder
-    from palpate.types.sensor import known_sensor
+    from palpate.lab.simulate.recordings import SUFFIX, fill_folder
+    from palpate.lab.simulate.replay import Replay
 
-    options = {"resume": resume, "workers": workers.workers, "dask": workers.dask}
     if replay:
         if pushes != Pushes():
             raise SettingError("--replay takes object and motion from its file; no options of pushes can go with it")
-        recordings = {
-            Path(file.name.removesuffix(".gz")).stem + SUFFIX: palpate.load_recording(file) for file in replay
+        items: Any = {
+            Path(file.name.removesuffix(".gz")).stem + SUFFIX: Replay(palpate.load_recording(file), seed, unit)
+            for file in replay
         }
-        if len(recordings) < len(replay):
+        if len(items) < len(replay):
             raise SettingError("--replay: files of one name would give one file; replay them apart")
-        with progress_bar("rendering", len(recordings)) as progress:
-            outcome = replay_folder(folder, recordings, seed, unit, progress=progress, **options)
     else:
-        shapes = {}
-        for given in pushes.shape or ("disc", "rectangle", "ellipse"):
-            name = Path(given).stem if Path(given).is_file() and given not in SHAPES else given
-            if name in shapes:
-                raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
-            shapes[name] = palpate.load_shape(given, pushes.shape_unit)
-        given = {name: getattr(pushes, name) for name in ("seconds", "images", "knocks", "ideal")}
-        simulations = plan(shapes, pushes.count, seed, unit=unit, sensor=known_sensor(pushes.sensor), **given)
+        items = pushes.simulations(seed, unit)
         first, _, machines = (shard or "1/1").partition("/")
         if not (first.isdecimal() and machines.isdecimal() and 1 <= int(first) <= int(machines)):
             raise SettingError(f"--shard is {shard!r}; allowed is K/N, the Kth of N parts, such as 1/4")
-        simulations = dict(list(simulations.items())[int(first) - 1 :: int(machines)])
-        with progress_bar("simulating", len(simulations)) as progress:
-            outcome = simulate_folder(folder, simulations, progress=progress, **options)
-    for name, why in outcome.failed.items():
+        items = dict(list(items.items())[int(first) - 1 :: int(machines)])
+    with progress_bar("rendering" if replay else "simulating", len(items)) as progress:
+        made, kept, failed = fill_folder(folder, items, workers.workers, resume, workers.dask, progress)
+    for name, why in failed.items():
         complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
-    failed = [{"file": name, "error": why} for name, why in outcome.failed.items()]
-    files = {"made": list(outcome.made), "kept": list(outcome.kept), "failed": failed}
+    files = {"made": made, "kept": kept, "failed": [{"file": name, "error": why} for name, why in failed.items()]}
     return Report("recordings", {"folder": str(folder), **files}, code=3 if failed else 0)
 
 

@@ -9,7 +9,7 @@ import pytest
 from palpate import DIGIT, Disc, track
 from palpate.geometry import se2
 from palpate.lab.simulate import set_up_errors
-from palpate.lab.simulate.recordings import simulate_recording
+from palpate.lab.simulate.recordings import Simulation
 from palpate.lab.simulate.scene import WARM_UP
 from palpate.lab.simulate.set_up_errors import Mark, Wear, worn
 from palpate.lab.simulate.unit import draw_unit
@@ -55,7 +55,7 @@ def test_a_grain_and_a_scratch_appear_and_stay():
 def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
     wear = Wear(RISE, (dataclasses.replace(GRAIN, when=0.3), dataclasses.replace(SCRATCH, when=0.6)))
     monkeypatch.setattr(set_up_errors, "draw_wear", lambda rng: wear)
-    ideal, usual = (simulate_recording(DISC, "disc", 3, 5.0, unit=2, ideal=ideal) for ideal in (True, False))
+    ideal, usual = (Simulation(DISC, "disc", 3, 5.0, unit=2, ideal=ideal).run() for ideal in (True, False))
     touched = usual.contact
     assert touched is not None and touched.any() and not touched[:15].any() and not touched[-8:].any()
 
@@ -81,8 +81,8 @@ def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
 
 
 def test_recordings_of_a_unit_are_of_one_robot():
-    robot: Any = [simulate_recording(DISC, "disc", seed, 3.0, images=False, unit=4) for seed in (1, 2)]
-    other = simulate_recording(DISC, "disc", 1, 3.0, images=False, unit=3)
+    robot: Any = [Simulation(DISC, "disc", seed, 3.0, images=False, unit=4).run() for seed in (1, 2)]
+    other = Simulation(DISC, "disc", 1, 3.0, images=False, unit=3).run()
     one, two, three = (
         np.median(se2.between(each.extra["sensor_pose_clean"], each.sensor_pose), axis=0) for each in (*robot, other)
     )

@@ -5,9 +5,8 @@ import zlib
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,7 +26,9 @@ from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 
-Item = TypeVar("Item")
+if TYPE_CHECKING:
+    from palpate.lab.simulate.replay import Replay
+
 COUNT = 100_000
 """Most recordings of one object in a folder: number n of a folder with seed s has the seed s * COUNT + n."""
 SUFFIX = ".mcap"
@@ -136,25 +137,6 @@ class Simulation:
         return int(drawn.generate_state(1)[0]) if self.unit is None else self.unit, *others
 
 
-def simulate_recording(
-    shape: Shape, kind: str, seed: int, seconds: float = 15.0, images: bool = True, **options: Any
-) -> Recording:
-    """Simulate a sequence of pushes; arguments and options are the fields of `Simulation`."""
-    return Simulation(shape, kind, seed, seconds, images, **options).run()
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Files of a folder after it was filled."""
-
-    made: tuple[str, ...]
-    """New files."""
-    kept: tuple[str, ...]
-    """Files that were there already."""
-    failed: dict[str, str]
-    """Files that could not be made, with the reason."""
-
-
 def demo_recording(progress: Callable[[int], None] | None = None) -> Recording:
     """Simulate the push of `palpate demo`; `progress` is called with the number of images made."""
     # The first seed with three contacts; its final error is about the median of pushes at the edges of this object.
@@ -165,11 +147,12 @@ def demo_recording(progress: Callable[[int], None] | None = None) -> Recording:
 def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any) -> dict[str, Simulation]:
     """Return the recordings of a folder by file name: `count` of each named object, its kinds of contact in turn.
 
-    Options are further fields of `Simulation`. Raises SettingError on a value that is not allowed.
+    Options are further fields of `Simulation`. Raises SettingError on a value that is not allowed, and without MuJoCo.
     """
     if not 1 <= count <= COUNT:
         raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
     check_not_negative(seed=seed)
+    load_mujoco()
     found: dict[str, Simulation] = {}
     for number in range(seed * COUNT, seed * COUNT + count):
         for name, shape in shapes.items():
@@ -180,36 +163,29 @@ def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any)
     return found
 
 
-def simulate_folder(folder: Path, simulations: Mapping[str, Simulation], **options: Any) -> Outcome:
-    """Simulate recordings by file name and write them to a folder; options are those of `fill_folder`."""
-    load_mujoco()
-    return fill_folder(folder, simulations, lambda each: each.source, Simulation.run, **options)
-
-
 def fill_folder(
     folder: Path,
-    items: Mapping[str, Item],
-    source: Callable[[Item], str],
-    make: Callable[[Item], Recording],
+    items: "Mapping[str, Simulation | Replay]",
     workers: int = 1,
     resume: bool = False,
     dask: str | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Outcome:
-    """Make a recording of each item by file name and write it to a folder, each whole or not at all.
+) -> tuple[list[str], list[str], dict[str, str]]:
+    """Make recordings by file name and write them to a folder, each whole or not at all.
 
-    `resume` keeps recordings of the same source; `workers` and `dask` are those of `parallel.spread`. A PalpateError of
-    `make` does not stop the rest. Raises SettingError on recordings made with other options, FileError on the folder.
+    Return the names of those that are made, of those that were there, and of others with the reason. `resume` keeps
+    recordings of the same source; `workers` and `dask` are those of `parallel.spread`. A PalpateError of one does not
+    stop the rest. Raises SettingError on recordings made with other options, FileError on the folder.
     """
     with held_folder(folder):
         there = {path.name for path in folder.glob(f"*{SUFFIX}")}
         if there and not resume:
             raise FileError(f"{folder}: holds {len(there)} recordings already; --resume keeps them and makes the rest")
-        kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, source(item))}
+        kept = {name for name, item in items.items() if name in there and _is_whole(folder / name, item.source)}
         missing = [(name, item) for name, item in items.items() if name not in kept]
         made: list[str] = []
         failed: dict[str, str] = {}
-        with closing(spread(partial(_made, make=make), missing, workers, dask)) as results:
+        with closing(spread(_made, missing, workers, dask)) as results:
             for name, result in results:
                 if isinstance(result, str):
                     failed[name] = result
@@ -218,14 +194,14 @@ def fill_folder(
                     made.append(name)
                 if progress:
                     progress(len(kept) + len(made) + len(failed))
-        return Outcome(tuple(sorted(made)), tuple(sorted(kept)), failed)
+        return sorted(made), sorted(kept), failed
 
 
-def _made(named: tuple[str, Item], make: Callable[[Item], Recording]) -> tuple[str, Recording | str]:
+def _made(named: "tuple[str, Simulation | Replay]") -> tuple[str, Recording | str]:
     """Return a recording, or the reason that there is none; the calling process writes the files."""
     name, item = named
     try:
-        return name, make(item)
+        return name, item.run()
     except PalpateError as error:
         return name, str(error)
 

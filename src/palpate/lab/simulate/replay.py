@@ -11,11 +11,8 @@ bridges the worst frame is at most 1.1 mm and 1.8 degrees off.
 """
 
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +22,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import minimum_jerk
-from palpate.lab.simulate.recordings import Outcome, check_not_negative, fill_folder
+from palpate.lab.simulate.recordings import check_not_negative
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.pipeline.metrics import flag_runs
 from palpate.types.images import encode_image
@@ -34,22 +31,11 @@ from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import LONGEST_GAP
 
 
-@dataclass(frozen=True, eq=False)
-class RealMotion:
-    """Poses and contacts of real tip and object, N frames at a DIGIT's rate."""
+class Touched(NamedTuple):
+    """The place of the outline that is nearest to a tip, or to the middle of several, at N poses."""
 
-    time: Array
-    """(N,) [s], from 0."""
-    sensor_pose: Array
-    """world_T_sensor of the real sensor, (N, 3) [m, m, rad]."""
-    object_pose: Array
-    """world_T_object, (N, 3) [m, m, rad], bridged where it is unknown."""
-    known: Flags
-    """Frames with a recorded object pose, (N,)."""
-    contact: Flags
-    """(N,)"""
     point: Array
-    """Point of the outline that is nearest to the tip, or to the middle of several, (N, 2) [m] in the object frame."""
+    """(N, 2) [m] in the object frame."""
     normal: Array
     """Outward normal there, (N, 2); 0 if it is not unique."""
     gap: Array
@@ -58,85 +44,98 @@ class RealMotion:
     """Direction of the contact in the sensor frame, seen from the tip's centre of curvature, (N,) [rad]."""
 
 
-def replay_recording(recording: Recording, seed: int = 0, unit: int | None = None) -> Recording:
-    """Return the replay of a real recording; the same seed, file name and unit give the same.
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """One replay to make. Raises SettingError on a value that is not allowed.
 
-    Sensor unit, indentation and first position on the gel are drawn; `unit` is the seed of one unit for many replays.
-    Poses get no noise, for the recorded ones have it. Raises SettingError, which names file and frames, for a motion
-    that cannot be rendered: unknown object poses or contact, a gel that does not reach the contact, or a contact off
-    its pad.
+    Sensor unit, indentation and first position on the gel are drawn from seed and file name: the same give the same.
     """
-    unit_seed, *seeds = _seeds(recording, seed, unit)
-    draws, camera = (np.random.default_rng(each) for each in seeds)
-    gel = draw_unit(DIGIT, unit_seed)
-    motion = real_motion(recording)
-    pad_angle, depth = _on_the_gel(recording.sensor, motion, gel, draws)
-    # From the gel's centre, which is behind the contact, to the sensor's origin at its apex.
-    behind = gel.radius - depth + motion.gap
-    center = motion.point + behind[:, None] * motion.normal
-    yaw = np.arctan2(-motion.normal[:, 1], -motion.normal[:, 0]) - pad_angle
-    apex = se2.compose(np.column_stack((center, yaw)), np.array([gel.radius, 0.0, 0.0]))
-    sensor_pose = se2.compose(motion.object_pose, apex)
-    edge, worst = np.degrees((np.arcsin(gel.half_width / gel.radius), np.abs(pad_angle[motion.contact]).max()))
-    free = recording.shape.signed_distance(center) - behind
-    for wrong, why in (
-        (
-            np.degrees(np.abs(pad_angle)) > edge,
-            f"the contact would be {worst:.0f} degrees from the middle of the gel, whose pad ends at {edge:.0f}",
-        ),
-        (
-            free < -1e-4,
-            f"the outline is hollow, and a gel of radius {gel.radius * 1e3:.0f} mm does not reach the contact",
-        ),
-    ):
-        if len(frames := np.flatnonzero(motion.contact & wrong)):
-            span = f"{motion.time[frames[0]]:.2f} to {motion.time[frames[-1]]:.2f} s"
-            name = recording.file or "the recording"
-            raise SettingError(f"{name}: frames {frames[0]} to {frames[-1]} of the replay ({span}): {why}")
-    slip = sliding(motion)
-    # Friction and stiffness as in simulated worlds; friction is nearly full at 5 mm/s.
-    shear = draws.uniform(0.25, 0.6) * draws.uniform(2600.0, 6500.0) * depth * np.tanh(slip / 0.005)
-    side = draw_side(camera)
-    poses = se2.between(motion.object_pose, sensor_pose)
-    images = tuple(
-        encode_image(render(gel, recording.shape, *values, rng=camera, side=side))
-        for values in zip(poses, depth, shear, strict=True)
-    )
-    return Recording(
-        time=motion.time,
-        sensor_pose=sensor_pose,
-        shape=recording.shape,
-        sensor=DIGIT,
-        object_pose=np.where(motion.known[:, None], motion.object_pose, np.nan),
-        contact=motion.contact,
-        image=images,
-        source=_source(recording, seed, unit_seed),
-        extra={
-            "slip": slip,
-            "pad_angle": np.where(motion.contact, pad_angle, np.nan),
-            "shown_angle": np.where(motion.contact, gel.shown_angle(pad_angle), np.nan),
-            "indentation": depth,
-            "tangential_force": shear,
-        },
-    )
+
+    recording: Recording
+    """The real recording."""
+    seed: int = 0
+    unit: int | None = None
+    """Seed of one sensor unit for many replays; None draws one."""
+
+    def __post_init__(self) -> None:
+        check_not_negative(seed=self.seed, unit=self.unit)
+
+    @property
+    def source(self) -> str:
+        """Description of the replay's origin, with all that is needed to make it again."""
+        real, unit = self.recording.source or self.recording.file or "a recording", self._seeds()[0]
+        return f"motion of {real}; touch rendered by palpate: seed {self.seed}, drawn images of unit {unit}"
+
+    def run(self) -> Recording:
+        """Return the replay. Poses get no noise, for the recorded ones have it.
+
+        Raises SettingError, which names file and frames, for a motion that cannot be rendered: unknown object poses or
+        contact, a gel that does not reach the contact, or a contact off its pad.
+        """
+        recording, (unit_seed, *seeds) = self.recording, self._seeds()
+        draws, camera = (np.random.default_rng(each) for each in seeds)
+        gel = draw_unit(DIGIT, unit_seed)
+        motion, known = real_motion(recording)
+        assert motion.object_pose is not None and motion.contact is not None
+        touched = _touched(motion.shape, motion.sensor, se2.between(motion.object_pose, motion.sensor_pose))
+        pad_angle, depth = _on_the_gel(motion, touched.angle, gel, draws)
+        # From the gel's centre, which is behind the contact, to the sensor's origin at its apex.
+        behind = gel.radius - depth + touched.gap
+        center = touched.point + behind[:, None] * touched.normal
+        yaw = np.arctan2(-touched.normal[:, 1], -touched.normal[:, 0]) - pad_angle
+        poses = se2.compose(np.column_stack((center, yaw)), np.array([gel.radius, 0.0, 0.0]))
+        edge, worst = np.degrees((np.arcsin(gel.half_width / gel.radius), np.abs(pad_angle[motion.contact]).max()))
+        free = recording.shape.signed_distance(center) - behind
+        for wrong, why in (
+            (
+                np.degrees(np.abs(pad_angle)) > edge,
+                f"the contact would be {worst:.0f} degrees from the middle of the gel, whose pad ends at {edge:.0f}",
+            ),
+            (
+                free < -1e-4,
+                f"the outline is hollow, and a gel of radius {gel.radius * 1e3:.0f} mm does not reach the contact",
+            ),
+        ):
+            if len(frames := np.flatnonzero(motion.contact & wrong)):
+                span = f"{motion.time[frames[0]]:.2f} to {motion.time[frames[-1]]:.2f} s"
+                name = recording.file or "the recording"
+                raise SettingError(f"{name}: frames {frames[0]} to {frames[-1]} of the replay ({span}): {why}")
+        slip = sliding(motion, touched)
+        # Friction and stiffness as in simulated worlds; friction is nearly full at 5 mm/s.
+        shear = draws.uniform(0.25, 0.6) * draws.uniform(2600.0, 6500.0) * depth * np.tanh(slip / 0.005)
+        side = draw_side(camera)
+        images = tuple(
+            encode_image(render(gel, recording.shape, *values, rng=camera, side=side))
+            for values in zip(poses, depth, shear, strict=True)
+        )
+        return replace(
+            motion,
+            sensor_pose=se2.compose(motion.object_pose, poses),
+            sensor=DIGIT,
+            object_pose=np.where(known[:, None], motion.object_pose, np.nan),
+            image=images,
+            source=self.source,
+            extra={
+                "slip": slip,
+                "pad_angle": np.where(motion.contact, pad_angle, np.nan),
+                "shown_angle": np.where(motion.contact, gel.shown_angle(pad_angle), np.nan),
+                "indentation": depth,
+                "tangential_force": shear,
+            },
+        )
+
+    def _seeds(self) -> tuple[int, np.random.SeedSequence, np.random.SeedSequence]:
+        """Return the seeds of the unit, the contacts and the camera, different for each file."""
+        name = self.recording.file.name if self.recording.file else self.recording.source
+        drawn, draws, camera = np.random.SeedSequence([self.seed, zlib.crc32(name.encode())]).spawn(3)
+        return int(drawn.generate_state(1)[0]) if self.unit is None else self.unit, draws, camera
 
 
-def replay_folder(
-    folder: Path, recordings: Mapping[str, Recording], seed: int = 0, unit: int | None = None, **options: Any
-) -> Outcome:
-    """Write the replays of recordings to a folder, by file name; options are those of `fill_folder`."""
-    check_not_negative(seed=seed, unit=unit)
+def real_motion(recording: Recording) -> tuple[Recording, Flags]:
+    """Return the motion of a recording at a DIGIT's rate, and the frames (N,) with a recorded object pose.
 
-    def source(recording: Recording) -> str:
-        return _source(recording, seed, _seeds(recording, seed, unit)[0])
-
-    return fill_folder(folder, recordings, source, partial(replay_recording, seed=seed, unit=unit), **options)
-
-
-def real_motion(recording: Recording) -> RealMotion:
-    """Return the motion of a recording at a DIGIT's rate, preceded by rest if it begins in contact.
-
-    Frames with unknown object poses at either end are left out. Raises SettingError, which names the file and the
+    Object poses are bridged where they are unknown; frames without at either end are left out. It is preceded by rest
+    if it begins in contact. Raises SettingError, which names the file and the
     frames, if contact or object poses are missing, or missing for too long.
     """
     name = recording.file or "the recording"
@@ -167,7 +166,7 @@ def real_motion(recording: Recording) -> RealMotion:
         # The sensor comes straight to the object from 1 cm away.
         count = int(np.ceil(rest * DIGIT.rate - 1e-9))
         off = 0.01 * (1.0 - np.append(0.0, minimum_jerk(count)[:-1]))
-        normal = _nearest(recording.shape, recording.sensor, sensor_pose[:1], object_pose[:1])[1]
+        normal = _touched(recording.shape, recording.sensor, se2.between(object_pose[:1], sensor_pose[:1])).normal
         away = se2.transform(np.append([0.0, 0.0], object_pose[0, 2]), normal)
         coming = sensor_pose[0] + np.column_stack((off[:, None] * away, np.zeros(count)))
         time = np.concatenate((time[0] + np.arange(-count, 0) / DIGIT.rate, time))
@@ -175,8 +174,7 @@ def real_motion(recording: Recording) -> RealMotion:
         object_pose = np.concatenate((np.repeat(object_pose[:1], count, axis=0), object_pose))
         known = np.concatenate((np.repeat(known[:1], count), known))
         contact = np.concatenate((np.zeros(count, np.bool_), contact))
-    nearest = _nearest(recording.shape, recording.sensor, sensor_pose, object_pose)
-    return RealMotion(time - time[0], sensor_pose, object_pose, known, contact, *nearest)
+    return Recording(time - time[0], sensor_pose, recording.shape, recording.sensor, object_pose, contact), known
 
 
 def _instants(time: Array, step: Array) -> Array:
@@ -187,11 +185,8 @@ def _instants(time: Array, step: Array) -> Array:
     return np.concatenate([np.arange(begin, end + 1e-9, 1.0 / DIGIT.rate) for begin, end in pieces])
 
 
-def _nearest(
-    shape: Shape, sensor: SensorProfile, sensor_pose: Array, object_pose: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return point, normal, gap and angle of `RealMotion` for a sensor and an object with poses (N, 3) each."""
-    object_T_sensor = se2.between(object_pose, sensor_pose)
+def _touched(shape: Shape, sensor: SensorProfile, object_T_sensor: Array) -> Touched:
+    """Return the nearest place of an outline for a sensor at poses (N, 3)."""
     centers = se2.transform(object_T_sensor[:, None], sensor.centers)
     middle = centers.mean(axis=1)
     step = 1e-6  # [m]
@@ -202,19 +197,21 @@ def _nearest(
     normal /= np.maximum(length, step * 1e-3)  # 0 in the middle of a slot, where two places are as near
     point = middle - shape.signed_distance(middle)[:, None] * normal
     gap = shape.signed_distance(centers).min(axis=1) - sensor.radius
-    return point, normal, gap, se2.wrap(np.arctan2(-normal[:, 1], -normal[:, 0]) - object_T_sensor[:, 2])
+    angle = se2.wrap(np.arctan2(-normal[:, 1], -normal[:, 0]) - object_T_sensor[:, 2])
+    return Touched(point, normal, gap, angle)
 
 
-def sliding(motion: RealMotion) -> Array:
+def sliding(motion: Recording, touched: Touched) -> Array:
     """Return the sliding speed of the object over the real tip, (N,) [m/s], positive towards the sensor's +y.
 
     It is the motion over the object of the tip's point that touches now; 0 without contact.
     """
     from scipy.ndimage import uniform_filter1d
 
+    assert motion.object_pose is not None and motion.contact is not None
     object_T_sensor = se2.between(motion.object_pose, motion.sensor_pose)
     step = se2.compose(object_T_sensor[:-1], se2.inverse(object_T_sensor[1:]))
-    point, normal = motion.point[1:], motion.normal[1:]
+    point, normal = touched.point[1:], touched.normal[1:]
     along = np.column_stack((normal[:, 1], -normal[:, 0]))
     speed = np.append(0.0, ((se2.transform(step, point) - point) * along).sum(axis=1) / np.diff(motion.time))
     slip = np.zeros(len(speed))
@@ -254,21 +251,20 @@ def _bridged(recording: Recording) -> Array:
     return pose
 
 
-def _on_the_gel(
-    tip: SensorProfile, motion: RealMotion, unit: SensorUnit, rng: np.random.Generator
-) -> tuple[Array, Array]:
+def _on_the_gel(motion: Recording, angle: Array, unit: SensorUnit, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return the contact's angle from the gel's apex (N,) [rad] and its indentation (N,) [m]; 0 without contact.
 
     A contact begins up to 12 degrees off the apex and stays within 20 if it can. Its depth is that of simulated
     worlds and slowly varies by 10 %; the gel is pressed in over 4 frames, and released.
     """
-    time, contact, depth = motion.time, motion.contact, np.zeros(len(motion.time))
+    assert motion.contact is not None
+    tip, time, contact, depth = motion.sensor, motion.time, motion.contact, np.zeros(len(motion))
     holds: list[tuple[int, int]] = []
     for first, last in flag_runs(contact):
         if holds and time[first] - time[holds[-1][1]] < 1.0:  # too short a pause to turn the sensor in
             first = holds.pop()[0]
         holds.append((first, last))
-    rolled = tip.radius / unit.radius * np.unwrap(motion.angle)
+    rolled = tip.radius / unit.radius * np.unwrap(angle)
     begin_limit, limit = np.radians(12.0), np.radians(20.0)
     knots: list[tuple[float, float]] = []
     for first, last in holds:
@@ -284,21 +280,6 @@ def _on_the_gel(
         frames = np.arange(first, last + 1)
         depth[frames] *= np.minimum(np.minimum(frames - first + 1, last + 1 - frames) / 4, 1.0)
     if len(tip.tips) > 1:
-        return motion.angle, depth
+        return angle, depth
     at, offset = np.array(knots).T
     return se2.wrap(rolled + np.interp(time, at, offset)), depth
-
-
-def _source(recording: Recording, seed: int, unit: int) -> str:
-    """Return a description of the replay's origin, with all that is needed to make it again."""
-    real = recording.source or recording.file or "a recording"
-    return f"motion of {real}; touch rendered by palpate: seed {seed}, drawn images of unit {unit}"
-
-
-def _seeds(
-    recording: Recording, seed: int, unit: int | None
-) -> tuple[int, np.random.SeedSequence, np.random.SeedSequence]:
-    """Return the seeds of the unit, the contacts and the camera, different for each file."""
-    name = recording.file.name if recording.file else recording.source
-    drawn, draws, camera = np.random.SeedSequence([seed, zlib.crc32(name.encode())]).spawn(3)
-    return int(drawn.generate_state(1)[0]) if unit is None else unit, draws, camera

@@ -145,6 +145,8 @@ class World:
 
     def _interpolated(self, poses: Array) -> tuple[Array, Array]:
         """Return position and velocity of the pusher's joints at every time step, (M, 3) each."""
+        from scipy.interpolate import CubicHermiteSpline
+
         knots = np.concatenate((self.sensor_pose[None], poses))
         knots[:, 2] = np.unwrap(knots[:, 2])
         if len(knots) == 1:
@@ -152,18 +154,9 @@ class World:
         slopes = np.gradient(knots, 1.0 / self._rate, axis=0)
         slopes[0] = self._velocity
         self.sensor_pose, self._velocity = knots[-1], slopes[-1]
-        # As SciPy's CubicHermiteSpline, whose checks take longer than the rest of a frame.
-        time = np.arange(len(knots)) / self._rate
-        frame = np.diff(time)[:, None]
-        secant = np.diff(knots, axis=0) / frame
-        bend = (slopes[:-1] + slopes[1:] - 2.0 * secant) / frame
+        spline = CubicHermiteSpline(np.arange(len(knots)) / self._rate, knots, slopes)
         at = np.arange((len(knots) - 1) * self._steps) * self._model.opt.timestep
-        index = np.searchsorted(time, at, side="right") - 1
-        since = (at - time[index])[:, None]
-        start, linear, cubic = knots[index], slopes[index], (bend / frame)[index]
-        quadratic = ((secant - slopes[:-1]) / frame - bend)[index]
-        pose = start + linear * since + quadratic * (since * since) + cubic * (since * since * since)
-        rate = linear + quadratic * since * 2.0 + cubic * (since * since) * 3.0
+        pose, rate = spline(at), spline(at, 1)
         # The joints move the gel's centre of curvature.
         arm = self._sensor.center * np.ones((len(at), 1))
         lever = se2.transform(np.column_stack((np.zeros((len(at), 2)), pose[:, 2])), arm)
