@@ -101,11 +101,11 @@ def paper(
         seed: The same seed gives the same recordings.
     """
     required("palpate paper", "sim,train,paper", "gtsam", "mujoco", "torch")
-    from palpate.lab.paper.study import FULL, StudySettings, run
+    from palpate.lab.paper.study import FULL, PaperSettings, run
 
     if seed < 0:
         raise SettingError(f"seed is {seed}; allowed is 0 or more")
-    settings = replace(FULL if full else StudySettings(), seed=seed)
+    settings = replace(FULL if full else PaperSettings(), seed=seed)
     results = run(out, settings, progress_bar, workers.workers, workers.dask)
     tables = {"table2": results["table2"], "tracking": results["tracking"]}
     return Report("experiments of the paper", tables, {"folder": str(out), **tables})
@@ -196,13 +196,10 @@ def tune(
     from palpate.config import noise_of, write_noise
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.study.study import StudySettings
-    from palpate.lab.tune.tuning import check_evaluations
     from palpate.lab.tune.tuning import tune as tune_settings
 
-    settings = StudySettings((touch.tactile,), palpate.TrackerSettings(noise=noise_of(start)))
-    check_evaluations(evaluations)
-    model, unit = touch.load(touch.tactile)
-    settings = replace(settings, model=model, calibration=unit, orientation=orientation)
+    tracker, unit = palpate.TrackerSettings(noise=noise_of(start)), touch.load(touch.tactile)
+    settings = StudySettings((touch.tactile,), tracker, *unit, orientation)
     if out.exists() and out != Path(start):
         raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
     new_file(out, overwrite=True)

@@ -1,10 +1,10 @@
 """The paper's experiments from nothing: recordings, models with Table II, tracking, figures (paper Sec. V)."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from palpate.arrays import Array
-from palpate.config import TrackerSettings
-from palpate.errors import FileError
+from palpate.errors import EstimationError, FileError
 from palpate.files import read_json, whole_file
 from palpate.geometry.shapes import Disc
 from palpate.graph.contact_geometry import contact_model
@@ -22,29 +21,31 @@ from palpate.io import load_recording
 from palpate.io.outlines import load_shape
 from palpate.lab.paper import figures
 from palpate.lab.paper.features import KeypointNetwork, keypoints_of, learn_keypoints
-from palpate.lab.paper.graph import Deviations, Model, compared_frames, physical_errors, tactile_error, track_episodes
+from palpate.lab.paper.graph import CAPTURE, Model, compared_frames, tactile_error, track_episodes
 from palpate.lab.paper.images import Images, draw_pairs, episode_numbers, joined, read_images, turn_between
 from palpate.lab.paper.transform_network import Pairs, expanded, fit_all, fit_linear, validation_loss
 from palpate.lab.parallel import spread
-from palpate.lab.simulate.recordings import plan, simulate_folder
+from palpate.lab.simulate.recordings import fill_folder, plan
+from palpate.lab.study.figures import write_figures
+from palpate.lab.study.recordings import find_recordings
+from palpate.lab.study.results import ALL, table
+from palpate.lab.study.study import StudySettings, Trial, run_study, track_file
 from palpate.lab.train.fit import FitSettings
-from palpate.pipeline.metrics import inside_95, nees
-from palpate.pipeline.track import track as track_with_palpate
+from palpate.pipeline.metrics import summarise
+from palpate.pipeline.track import Run
+from palpate.types.estimate import Trajectory
 
 Indices = NDArray[np.int_]
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
-Tracks = Mapping[str, Mapping[str, Any]]
 
 SHAPES = {"disc": "disc", "rect": "rectangle", "ellip": "ellipse"}
 """The paper's objects and palpate's names of their outlines."""
 MODES = ("none", "const", "learnt", "oracle", "palpate")
 TACTILE = MODES[1:4]
-LOST = 50.0, 30.0
-"""Final error [mm], [degrees] from which a sequence is lost."""
 
 
 @dataclass(frozen=True)
-class StudySettings:
+class PaperSettings:
     """Size of the study."""
 
     train: int = 8
@@ -61,11 +62,11 @@ class StudySettings:
     """Of recordings, the sensor, weights and pairs."""
 
 
-FULL = StudySettings(train=40, test=50, seconds=15.0, steps=2000, pairs=100_000)
+FULL = PaperSettings(train=40, test=50, seconds=15.0, steps=2000, pairs=100_000)
 """As many sequences as the paper has."""
 
 
-def run(out: Path, settings: StudySettings, bar: Bar, workers: int = 1, dask: str | None = None) -> dict[str, Any]:
+def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: str | None = None) -> dict[str, Any]:
     """Run the study in a folder, keeping finished parts, and return `table2` and `tracking`.
 
     Raises FileError if the folder holds a study of another size.
@@ -82,41 +83,63 @@ def run(out: Path, settings: StudySettings, bar: Bar, workers: int = 1, dask: st
         # All with one sensor, as the paper has one DIGIT.
         wanted = plan(shapes, count, seed, seconds=seconds, ideal=True, unit=settings.seed)
         with bar(f"simulating, {name}", len(wanted)) as progress:
-            simulate_folder(out / name, wanted, workers=workers, dask=dask, resume=True, progress=progress)
+            fill_folder(out / name, wanted, workers=workers, dask=dask, resume=True, progress=progress)
     if not (out / "models.json").exists():
         _learn(out, settings, bar, workers, dask)
-    files = sorted((out / "test").glob("*.mcap"))
-    (out / "tracks").mkdir(exist_ok=True)
-    missing = [path for path in files if not (out / "tracks" / f"{path.stem}.npz").exists()]
-    with bar("tracking", len(missing)) as progress:
-        for done, _ in enumerate(spread(partial(_track, out=out), missing, workers, dask), 1):
-            progress(done)
-    tracks = {path.stem: dict(np.load(out / "tracks" / f"{path.stem}.npz")) for path in files}
-    models = read_json(out / "models.json")
+    files = find_recordings(out / "test")
+    by, how = partial(_tracked, out=out.resolve()), StudySettings(MODES)
+    with bar("tracking", len(files) * len(MODES)) as progress:
+        study = run_study(files, out / "tracks", how, workers, dask, True, progress, by)
+    for (name, mode), why in study.failed.items():
+        raise EstimationError(f"{out / 'test' / name}: cannot be tracked by {mode}: {why}")
+    models, rows = read_json(out / "models.json"), table(study.trials, MODES)[ALL]
     results = {
         "table2": models["table2"],
-        "tracking": {mode: _summary(tracks, mode) for mode in MODES},
+        "tracking": {
+            mode: {
+                "final_translation_mm": row["final_mm"]["median"],
+                "final_rotation_deg": row["final_deg"]["median"],
+                "lost": row["lost"],
+                "in_95_share": row["inside_95"],
+            }
+            for mode, row in rows.items()
+        },
         "deviations": models["deviations"],
         "settings": asdict(settings),
-        "sequences": len(tracks),
+        "sequences": len(files),
     }
     _write_json(out / "results.json", results)
     with bar("figures", 1) as progress:
-        figures.draw(out, tracks)
+        write_figures(out, study.trials)
+        _draw(out, files, study.trials)
         progress(1)
     return results
 
 
-def _learn(out: Path, settings: StudySettings, bar: Bar, workers: int, dask: str | None) -> None:
-    """Train the auto-encoder and all transform networks, and measure the factors; writes model.pt and models.json."""
+def _draw(out: Path, files: Mapping[str, Path], trials: Sequence[Trial]) -> None:
+    """Draw some sequences of rectangles, and some of the others."""
+    names = [name for name in files if name.startswith("rect")], [name for name in files if not name.startswith("rect")]
+    tracks = [
+        {name: (load_recording(files[name]), [each for each in trials if each.recording == name]) for name in some}
+        for some in (each[:: max(len(each) // 6, 1)][:6] for each in names)
+    ]
+    network, _ = _models(out)
+    seen = []
+    for name in (names[0][0], names[1][0], names[1][-1]):
+        images = read_images(load_recording(files[name]))
+        shown = np.linspace(0, len(images.frame) - 1, 6).astype(int)
+        seen.append((images.difference[shown], keypoints_of(network, images)[0][shown]))
+    figures.draw(out, seen, *tracks)
+
+
+def _learn(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str | None) -> None:
+    """Train the auto-encoder and all transform networks, and measure touch; writes model.pt and models.json."""
     parts: dict[str, Images] = {}
-    physical: list[Array] = []
     files = sorted((out / "train").glob("*.mcap"))
     with bar("reading images", len(files)) as progress:
-        for done, (name, images, errors) in enumerate(spread(_read, files, workers, dask), 1):
+        for name, images in spread(_read, files, workers, dask):
             parts[name] = images
-            physical.append(errors)
-            progress(done)
+            progress(len(parts))
     # A quarter validates, of each object: every fourth recording, which takes turns with its kinds of contact.
     of_object = {name: [parts[each] for each in sorted(parts) if each.startswith(name)] for name in SHAPES}
     for_training = {name: joined([p for k, p in enumerate(each) if k % 4 != 3]) for name, each in of_object.items()}
@@ -138,22 +161,15 @@ def _learn(out: Path, settings: StudySettings, bar: Bar, workers: int, dask: str
                 losses.setdefault(model, {})[name] = validation_loss(predict, pairs, checked[2])
             weights = fit_linear(trained[1], trained[2])  # the last are of all objects
             progress(done)
-    sigmas = _tactile_sigmas(network, weights, validation["combined"])
-    *quasi_static, contact = _scale(np.concatenate(physical))
-    deviations = {"quasi_static": quasi_static, "contact": contact, **sigmas}
+    deviations = _tactile_sigmas(network, weights, validation["combined"])
     with whole_file(out / "model.pt", overwrite=True) as part:
         torch.save({"network": network.state_dict(), "weights": torch.from_numpy(weights)}, part)
     _write_json(out / "models.json", {"table2": losses, "deviations": deviations})
 
 
-def _read(path: Path) -> tuple[str, Images, Array]:
-    """Return the name of a recording, its images, and the errors of the physical factors in it."""
-    recording = load_recording(path)
-    assert recording.object_pose is not None and recording.contact is not None
-    model = Model(contact_model(recording.shape, recording.sensor))
-    episode = episode_numbers(recording.contact)
-    errors = physical_errors(model, recording.object_pose, recording.sensor_pose, episode)
-    return path.stem, read_images(recording), errors
+def _read(path: Path) -> tuple[str, Images]:
+    """Return the name of a recording and its images."""
+    return path.stem, read_images(load_recording(path))
 
 
 def _pairs(network: KeypointNetwork, images: Images, count: int, seed: int) -> tuple[Pairs, Pairs, Array]:
@@ -192,71 +208,46 @@ def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) ->
             tactile_error((earlier - first)[k], (later - first)[k], error[k])
             for k in (episode == number for number in np.unique(episode))
         ]
-        found[mode] = float(_scale(np.array(each)))
+        found[mode] = float(1.4826 * np.median(np.abs(each)))  # of a Gaussian; most contacts stick, as in training
     return found
 
 
-def _track(path: Path, out: Path) -> None:
-    """Track a sequence in all modes and write tracks/NAME.npz."""
-    torch.set_num_threads(1)
+def _models(out: Path) -> tuple[KeypointNetwork, Array]:
+    """Return the trained auto-encoder, and the weights of the linear transform network."""
     saved, network = torch.load(out / "model.pt", weights_only=True), KeypointNetwork()
     network.load_state_dict(saved["network"])
-    deviations = read_json(out / "models.json")["deviations"]
-    recording = load_recording(path)
-    model = Model(contact_model(recording.shape, recording.sensor))
-    images, truth = read_images(recording), recording.object_pose
-    assert truth is not None and recording.contact is not None
-    episode = episode_numbers(recording.contact)
-    earlier, later, found = _turns(network, saved["weights"].numpy(), images)
-    turns: dict[str, dict[int, list[tuple[int, float]]]] = {mode: {} for mode in MODES[:4]}
+    return network, saved["weights"].numpy()
+
+
+@lru_cache(maxsize=1)
+def _felt(path: Path, out: Path) -> dict[str, dict[int, list[tuple[int, float]]]]:
+    """Return the tactile measurements of a sequence by mode and frame: turns [rad] since so many frames ago."""
+    torch.set_num_threads(1)
+    images = read_images(load_recording(path))
+    earlier, later, found = _turns(*_models(out), images)
+    turns: dict[str, dict[int, list[tuple[int, float]]]] = {mode: {} for mode in TACTILE}
     for mode, turn in found.items():
         for i, k, angle in zip(earlier.tolist(), later.tolist(), turn.tolist(), strict=True):
             turns[mode].setdefault(int(images.frame[k]), []).append((k - i, angle))
-    shown = np.linspace(0, len(images.frame) - 1, 6).astype(int)
-    arrays: dict[str, Any] = {
-        "images": images.difference[shown],
-        "keypoints": keypoints_of(network, images)[0][shown],
-        "truth": truth,
-        "sensor": recording.sensor_pose,
-        "time": recording.time,
-        "episode": episode,
-        "is_disc": isinstance(recording.shape, Disc),
-        "outline": recording.shape.outline(),
-    }
-    physical = Deviations(tuple(deviations["quasi_static"]), deviations["contact"])
-    for mode in MODES[:4]:
-        sigma = deviations.get(mode, 0.0)
-        pose, covariance, took = track_episodes(
-            model, recording.sensor_pose, episode, turns[mode], truth[0], sigma, physical
-        )
-        arrays |= {f"{mode}_pose": pose, f"{mode}_covariance": covariance, f"{mode}_ms": took}
-    online = track_with_palpate(recording, TrackerSettings("learnt")).online
-    arrays |= {"palpate_pose": online.pose, "palpate_covariance": online.covariance}
-    with whole_file(out / "tracks" / f"{path.stem}.npz", overwrite=True) as part, part.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    return turns
 
 
-def _summary(tracks: Tracks, mode: str) -> dict[str, float]:
-    """Return medians of final errors, the number of lost sequences, and the share of true poses in the 95 % region."""
-    final, lost, inside = [], 0, []
-    for track in tracks.values():
-        translation, rotation = (float(each[-1]) for each in figures.errors(track, mode))
-        final.append((translation, rotation))
-        lost += translation > LOST[0] or (rotation > LOST[1] and not track["is_disc"])
-        squared = nees(track[f"{mode}_pose"], track[f"{mode}_covariance"], track["truth"])
-        inside.append(np.mean(inside_95(squared)[np.argmax(track["episode"] >= 0) :]))
-    translation, rotation = np.median(final, axis=0).tolist()
-    return {
-        "final_translation_mm": translation,
-        "final_rotation_deg": rotation,
-        "lost": int(lost),
-        "in_95_share": float(np.mean(inside)),
-    }
-
-
-def _scale(errors: Array) -> Any:
-    """Return the standard deviation of a typical episode: one in which the contact sticks, as the factors suppose."""
-    return (1.4826 * np.median(np.abs(errors), axis=0)).tolist()  # the median of a Gaussian's absolute values
+def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
+    """Track a sequence in a mode."""
+    if mode == "palpate":
+        return track_file(path, "learnt", settings)
+    recording, sigma = load_recording(path), read_json(out / "models.json")["deviations"].get(mode, 0.0)
+    truth, episode = np.asarray(recording.object_pose), episode_numbers(np.asarray(recording.contact))
+    model, turns = (
+        Model(contact_model(recording.shape, recording.sensor)),
+        {} if mode == "none" else _felt(path, out)[mode],
+    )
+    pose, covariance, took = track_episodes(model, recording.sensor_pose, episode, turns, truth[0], sigma)
+    said = ("tracking",) * len(recording), ("",) * len(recording)
+    online = Trajectory(recording.time, pose, covariance, episode >= 0, *said)
+    summary = summarise(online, truth, took, yaw_shows=not isinstance(recording.shape, Disc))
+    first = truth[0], np.array(CAPTURE)
+    return Run(recording, settings.tracker, None, None, *first, online, (), took, truth, summary)
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -12,7 +12,7 @@ from palpate.files import whole_file
 from palpate.lab.study.results import ALL, FINALS
 from palpate.lab.study.study import Trial
 from palpate.pipeline.figures import own_style
-from palpate.pipeline.metrics import inside_95, rotation_errors, translation_errors
+from palpate.pipeline.metrics import rotation_errors, translation_errors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,16 +24,17 @@ STYLE: Any = {"font.size": 9, "axes.titlesize": 10, "axes.grid": True, "grid.alp
 # Colours that people with any colour vision tell apart (Okabe and Ito).
 COLOURS = {
     "none": "#000000",
+    "const": "#E69F00",  # this and the last of `palpate paper`
     "learnt": "#0072B2",
     "oracle": "#009E73",
+    "palpate": "#D55E00",
 }
 OVER_TIME: dict[str, Callable[[Trial], Array]] = {
     "error [mm]": lambda trial: np.maximum(1e3 * translation_errors(trial.pose, trial.truth), 0.1),
     "error [deg]": lambda trial: np.maximum(np.degrees(np.abs(rotation_errors(trial.pose, trial.truth))), 0.05),
-    "in the 95 % region [%]": lambda trial: np.where(np.isnan(trial.nees), np.nan, 100.0 * inside_95(trial.nees)),
-    "step [ms]": lambda trial: trial.step_ms,
+    "step [ms]": lambda trial: np.maximum(trial.step_ms, 0.1),
 }
-"""Quantities (N,) over time by their labels; on logarithmic axes small errors are drawn at 0.1 mm and 0.05 deg."""
+"""Quantities (N,) over time by their labels; smaller ones are drawn at 0.1 mm, 0.05 deg and 0.1 ms."""
 
 
 def write_figures(folder: Path, trials: Sequence[Trial]) -> None:
@@ -55,29 +56,19 @@ def write_figures(folder: Path, trials: Sequence[Trial]) -> None:
 
 
 def errors_over_time(trials: Sequence[Trial]) -> "Figure":
-    """Draw errors, coverage and the time of a step over time; the paper's figures 6 and 8.
+    """Draw errors and the time of a step over time; the paper's figures 6 and 8.
 
-    Lines are medians over the sequences of a group and, of coverage, their share; shaded is from the first to the third
-    quartile. They begin at the first contact and end where fewer than half of the sequences go on.
+    Lines are medians over the sequences of a group, shaded is from the first to the third quartile. They begin at the
+    first contact and end where fewer than half of the sequences go on.
     """
     figure, panels = _grid(trials, len(OVER_TIME), sharey="row")
     for some, axes in panels:
         for axis, (label, quantity) in zip(axes, OVER_TIME.items(), strict=True):
-            axis.set(xlabel="time since the start [s]", ylabel=label)
-            is_share = label.endswith("[%]")
+            axis.set(xlabel="time since the start [s]", ylabel=label, yscale="log")
             for method, of_method in _by_method(some):
-                time, values = _sampled(of_method, quantity)
-                if is_share:
-                    axis.plot(time, _over_trials(np.nanmean, values), **_line(method))
-                    continue
-                low, middle, high = (_over_trials(np.nanpercentile, values, q=q) for q in (25.0, 50.0, 75.0))
-                axis.fill_between(time, low, high, color=_line(method)["color"], alpha=0.12, lw=0)
-                axis.plot(time, middle, **_line(method))
-            if is_share:
-                axis.axhline(95.0, color="#666666", lw=0.8)
-                axis.set(ylim=(-3.0, 103.0))
-            else:
-                _make_logarithmic(axis, "y")
+                time, (low, middle, high) = _quartiles(of_method, quantity)
+                axis.fill_between(time, low, high, color=COLOURS[method], alpha=0.12, lw=0)
+                axis.plot(time, middle, color=COLOURS[method], lw=1.6, label=method)
     return figure
 
 
@@ -95,12 +86,11 @@ def final_errors(trials: Sequence[Trial]) -> "Figure":
                 patch_artist=True,
             )
             for method, box, line in zip(by_method, boxes["boxes"], boxes["medians"], strict=True):
-                colour = _line(method)["color"]
-                box.set(facecolor=f"{colour}38", edgecolor=colour)
-                line.set_color(colour)
+                box.set(facecolor=f"{COLOURS[method]}38", edgecolor=COLOURS[method])
+                line.set_color(COLOURS[method])
             axis.set_yticks(range(1, len(by_method) + 1), list(by_method))
-            axis.set(xlabel=f"final error [{name.removeprefix('final_')}]", ylim=(len(by_method) + 0.5, 0.5))
-            _make_logarithmic(axis, "x")
+            label = f"final error [{name.removeprefix('final_')}]"
+            axis.set(xlabel=label, xscale="log", ylim=(len(by_method) + 0.5, 0.5))
     return figure
 
 
@@ -125,39 +115,19 @@ def _by_method(trials: Sequence[Trial]) -> Iterator[tuple[str, list[Trial]]]:
         yield method, [trial for trial in trials if trial.method == method]
 
 
-def _line(method: str) -> dict[str, Any]:
-    return {"color": COLOURS[method], "lw": 1.6, "label": method}
+def _quartiles(trials: Sequence[Trial], quantity: Callable[[Trial], Array]) -> tuple[Array, Array]:
+    """Return instants (T,) [s] since the start and the quartiles (3, T) of a quantity over trials.
 
-
-def _make_logarithmic(axes: "Axes", which: str) -> None:
-    """Make the x or y axis logarithmic, with 0.1 and 10 written on it and not powers of ten."""
-    from matplotlib.ticker import NullFormatter, StrMethodFormatter
-
-    axes.set(**{f"{which}scale": "log"})
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(NullFormatter())
-
-
-def _sampled(trials: Sequence[Trial], quantity: Callable[[Trial], Array]) -> tuple[Array, Array]:
-    """Return instants (T,) [s] since the start and a quantity of each trial then, (S, T).
-
-    It is NaN before the first contact, at which the object rests where it was said to be, and after the end.
+    A trial counts from its first contact, before which the object rests where it was said to be, to its end; NaN where
+    fewer than half count.
     """
-    longest = max(trial.time[-1] - trial.time[0] for trial in trials)
-    instants = np.linspace(0.0, longest, 150)
+    instants = np.linspace(0.0, max(trial.time[-1] - trial.time[0] for trial in trials), 150)
     rows = []
     for trial in trials:
         since = trial.time - trial.time[0]
         frame = np.searchsorted(since, instants).clip(0, len(since) - 1)
         is_there = (instants <= since[-1]) & (frame >= np.argmax(trial.contact))
         rows.append(np.where(is_there, quantity(trial)[frame], np.nan))
-    return instants, np.array(rows)
-
-
-def _over_trials(middle: Callable[..., Array], values: Array, **options: float) -> Array:
-    """Return a mean or percentile (T,) of values (S, T) over trials; NaN where fewer than half have a value."""
-    found = np.full(values.shape[1], np.nan)
-    enough = np.isfinite(values).mean(axis=0) >= 0.5
-    found[enough] = middle(values[:, enough], axis=0, **options)
-    return found
+    enough, found = np.isfinite(rows).mean(axis=0) >= 0.5, np.full((3, len(instants)), np.nan)
+    found[:, enough] = np.nanpercentile(np.array(rows)[:, enough], (25.0, 50.0, 75.0), axis=0)
+    return instants, found

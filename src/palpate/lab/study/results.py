@@ -4,10 +4,9 @@
 
     command     the command line
     settings    see `study.described`
-    study       palpate, folder, recordings, trials, kept, skipped, failed, wall_s, workers, cores, lost_above
+    study       palpate, folder, recordings, trials, kept, skipped, failed, wall_s, workers, cores
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
     recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
-    lost        [{recording, method, final_mm, final_deg, final_inside_95}]
     skipped     [{recording, method, reason}]: methods that do not apply to a recording
     failed      [{recording, method, error}]: trials that ended in an error
 """
@@ -15,6 +14,7 @@
 import csv
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean, median
@@ -29,15 +29,13 @@ from palpate.lab.study.study import Study, StudySettings, Trial, described
 from palpate.pipeline.metrics import gain_by_rescaling, inside_95, since_contact
 
 ALL = "all groups"
-LOST_ABOVE = {"mm": 50.0, "deg": 30.0}
-"""A sequence is lost if its final error is above either."""
+FORMULA = re.compile(r"[-=+@\t\r']")
 FINALS = {"final_mm": "final_translation_error_mm", "final_deg": "final_rotation_error_deg"}
 """Columns of the table by their names in a trial's summary."""
 
 
 def results_of(study: Study, settings: StudySettings, folder: Path, workers: int, command: str) -> dict[str, Any]:
     """Return the content of `results.json`."""
-    lost = [trial for trial in study.trials if is_lost(trial)]
     return {
         "command": command,
         "settings": described(settings),
@@ -49,19 +47,9 @@ def results_of(study: Study, settings: StudySettings, folder: Path, workers: int
             "wall_s": study.wall_s,
             "workers": workers,
             "cores": os.cpu_count(),
-            "lost_above": LOST_ABOVE,
         },
         "table": table(study.trials, settings.methods),
         "recordings": study.recordings,
-        "lost": [
-            {
-                "recording": trial.recording,
-                "method": trial.method,
-                **{name: trial.summary[key] for name, key in FINALS.items()},
-                "final_inside_95": trial.summary.get("in_95_final"),
-            }
-            for trial in lost
-        ],
         "skipped": [{"recording": name, "method": m, "reason": why} for (name, m), why in study.skipped.items()],
         "failed": [{"recording": name, "method": m, "error": why} for (name, m), why in study.failed.items()],
     }
@@ -90,15 +78,16 @@ def table(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, dict[str
 
 
 def is_lost(trial: Trial) -> bool:
-    """Return true if the final error is above LOST_ABOVE; the yaw of a disc does not count."""
+    """Return true if the final error is above 50 mm or 30 degrees; the yaw of a disc does not count."""
     mm, deg = (trial.summary[key] for key in FINALS.values())
-    return mm is not None and (
-        mm > LOST_ABOVE["mm"] or (trial.summary.get("yaw_shows", True) and deg > LOST_ABOVE["deg"])
-    )
+    return mm is not None and (mm > 50.0 or (deg > 30.0 and trial.summary.get("yaw_shows", True)))
 
 
 def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Trial]) -> None:
-    """Write `results.json` and `sequences.csv`, the summaries of trials without lists, each whole or not at all."""
+    """Write `results.json` and `sequences.csv`, the summaries of trials without lists, each whole or not at all.
+
+    In the table, a name that a spreadsheet would run as a formula gets an apostrophe.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     with whole_file(folder / "results.json", overwrite=True) as part:
         part.write_text(json.dumps(results, indent=2, allow_nan=False) + "\n", encoding="utf-8")
@@ -106,58 +95,52 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
     for trial in trials:
         row = {"recording": trial.recording, "group": trial.group, "tactile": trial.method, "lost": is_lost(trial)}
         row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
-        rows.append(row | {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()})
-    write_rows(folder / "sequences.csv", rows)
-
-
-def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write a CSV file, whole or not at all; a name that a spreadsheet would run as a formula gets an apostrophe."""
-
-    def cell(value: Any) -> Any:
-        is_formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r", "'"))
-        return f"'{value}" if is_formula else value
-
+        row |= {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()}
+        names = {key: f"'{value}" for key, value in row.items() if isinstance(value, str) and FORMULA.match(value)}
+        rows.append(row | names)
     with (
-        whole_file(path, overwrite=True) as part,
+        whole_file(folder / "sequences.csv", overwrite=True) as part,
         part.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file,
     ):
         writer = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
         writer.writeheader()
-        writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
+        writer.writerows(rows)
 
 
 def _row(trials: Sequence[Trial]) -> dict[str, Any]:
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
     since = [since_contact(trial.contact, trial.nees) for trial in trials]
-    pooled = {
-        "": [trial.nees[s] for trial, s in zip(trials, since, strict=True)],
-        "contact_": [trial.nees[s & trial.contact] for trial, s in zip(trials, since, strict=True)],
-        "rest_": [trial.nees[s & ~trial.contact] for trial, s in zip(trials, since, strict=True)],
-        "final_": [trial.nees[s][-1:] for trial, s in zip(trials, since, strict=True)],
-    }
-    nees = np.concatenate(pooled[""])
+    each = [(trial.nees[there], trial.contact[there]) for trial, there in zip(trials, since, strict=True)]
+    nees, contact = (np.concatenate(some) for some in zip(*each, strict=True))
+    inside = inside_95(nees)
+    final = [inside_95(one)[-1] for one, _ in each if len(one)]
 
     def known(key: str) -> list[float]:
         return [value for trial in scored if (value := trial.summary.get(key)) is not None]
 
-    frames = [np.count_nonzero(s & trial.contact) for trial, s in zip(trials, since, strict=True)]
-    nats = [trial.summary["nats"] * n for trial, n in zip(trials, frames, strict=True) if n]
-    stated = sum(nats) / sum(frames) if nats else None
-    judged = [trial.summary for trial in trials if trial.summary.get("ambiguous_share") is not None]
-    ambiguous = [each["ambiguous_share"] * each["contact_frames"] for each in judged]
+    def mean_of_frames(key: str, frames: Sequence[Any]) -> float | None:
+        """Return the mean of a score of trials that each holds for a number of frames."""
+        values = [trial.summary.get(key) for trial in trials]
+        some = [(value, n) for value, n in zip(values, frames, strict=True) if n and value is not None]
+        return sum(value * n for value, n in some) / sum(n for _, n in some) if some else None
+
+    nats = mean_of_frames("nats", [np.count_nonzero(touched) for _, touched in each])
     return {
         "sequences": len(scored),
         **{name: {"median": _of(median, known(key)), "worst": _of(max, known(key))} for name, key in FINALS.items()},
         "nees": {"median": _of(np.median, nees), "mean": _of(np.mean, nees)},
-        **{f"{kind}inside_95": _of(np.mean, inside_95(np.concatenate(some))) for kind, some in pooled.items()},
-        "nats": stated,
-        "nats_rescaled": None if stated is None else stated + gain_by_rescaling(np.concatenate(pooled["contact_"])),
+        "inside_95": _of(np.mean, inside),
+        "contact_inside_95": _of(np.mean, inside[contact]),
+        "rest_inside_95": _of(np.mean, inside[~contact]),
+        "final_inside_95": _of(np.mean, final),
+        "nats": nats,
+        "nats_rescaled": None if nats is None else nats + gain_by_rescaling(nees[contact]),
         "crps_mm": _of(fmean, known("crps_mm")),
         "sigma_mm": _of(fmean, known("sigma_mm")),
         "silently_wrong": _of(fmean, known("silently_wrong_share")),
         "knocks": sum(known("knocks")),
         "lost": sum(map(is_lost, scored)),
-        "ambiguous": sum(ambiguous) / sum(each["contact_frames"] for each in judged) if judged else None,
+        "ambiguous": mean_of_frames("ambiguous_share", [trial.summary.get("contact_frames", 0) for trial in trials]),
         "step_ms": {
             share: median(trial.summary["step_ms"][share] for trial in trials) for share in ("p50", "p95", "p99")
         },

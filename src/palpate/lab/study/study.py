@@ -117,6 +117,19 @@ Job = tuple[str, Path, str]
 """Name of a recording, its file, and a method."""
 
 
+def track_file(path: Path, method: str, settings: StudySettings) -> Run:
+    """Track the recording of a file by a method, without warnings; auto is learnt where there are images, else oracle.
+
+    Raises PalpateError if it cannot be read or tracked, SettingError or ShapeError if the method does not apply to it.
+    """
+    recording = load_recording(path, settings.orientation)
+    if method == "auto":
+        method = "oracle" if recording.image is None else "learnt"
+    tracker = replace(settings.tracker, tactile=cast(Tactile, method))
+    with quiet():
+        return track(recording, tracker, model=settings.model, calibration=settings.calibration)
+
+
 def run_study(
     files: Mapping[str, Path],
     out: Path,
@@ -125,13 +138,14 @@ def run_study(
     dask: str | None = None,
     resume: bool = False,
     progress: Callable[[int], None] | None = None,
+    track_by: Callable[[Path, str, StudySettings], Run] = track_file,
 ) -> Study:
     """Track recordings, by name as `find_recordings` gives them, and write each trial to the folder `out`.
 
     `workers` are processes of this machine, `dask` is the address of a cluster's scheduler, which has to see the files
     under the same paths. With `resume`, trials that exist are kept, but for those of recordings that have changed;
-    without it the folder must be empty. `progress` is called with the number of trials that are done. Raises
-    SettingError on a folder made with other settings, FileError if it cannot be written.
+    without it the folder must be empty. `progress` is called with the number of trials that are done, `track_by` for
+    each. Raises SettingError on a folder made with other settings, FileError if it cannot be written.
     """
     begin = time.perf_counter()
     study = Study()
@@ -147,7 +161,7 @@ def run_study(
         study.kept = len(outcomes)
         if jobs:
             warm_up()  # before there are workers, so that none has to
-        with closing(spread(partial(_track, settings=settings), jobs, workers, dask)) as results:
+        with closing(spread(partial(_track, settings=settings, track_by=track_by), jobs, workers, dask)) as results:
             for (name, _, method), outcome in results:
                 if isinstance(outcome, Trial):
                     _write_trial(outcome, _trial_file(out, name, method))
@@ -210,25 +224,14 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
             raise SettingError(f"{out}: was made with other settings ({change}); name another folder")
 
 
-def track_file(path: Path, method: str, settings: StudySettings) -> Run:
-    """Track the recording of a file by a method, without warnings; auto is learnt where there are images, else oracle.
-
-    Raises PalpateError if it cannot be read or tracked, SettingError or ShapeError if the method does not apply to it.
-    """
-    recording = load_recording(path, settings.orientation)
-    if method == "auto":
-        method = "oracle" if recording.image is None else "learnt"
-    tracker = replace(settings.tracker, tactile=cast(Tactile, method))
-    with quiet():
-        return track(recording, tracker, model=settings.model, calibration=settings.calibration)
-
-
-def _track(job: Job, settings: StudySettings) -> tuple[Job, Trial | _Failure]:
+def _track(
+    job: Job, settings: StudySettings, track_by: Callable[[Path, str, StudySettings], Run]
+) -> tuple[Job, Trial | _Failure]:
     """Track a recording by a method; errors are returned and not raised."""
     name, path, method = job
     try:
         stat = path.stat()
-        run = track_file(path, method, settings)
+        run = track_by(path, method, settings)
     except Exception as error:
         words = " ".join(str(error).split()).removeprefix(f"{path}: ")
         words = words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"

@@ -108,7 +108,8 @@ def tune(
     """
     from scipy.optimize import minimize
 
-    check_evaluations(evaluations)
+    if evaluations < 1:
+        raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
     start = settings.tracker
     names = parameters_of(start, settings.methods[0])
     first = scores_of(files, settings, workers)
@@ -155,12 +156,6 @@ def tune(
     with suppress(_Spent):
         minimize(objective, at, method="COBYQA", bounds=bounds, options=radii)
     return replace(best, held_out_after=judged(judging, best.settings))
-
-
-def check_evaluations(evaluations: int) -> None:
-    """Raise SettingError on fewer than 1 evaluations."""
-    if evaluations < 1:
-        raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
 
 
 def scores_of(files: Mapping[str, Path], settings: StudySettings, workers: int = 1) -> Scores:
