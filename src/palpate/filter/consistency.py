@@ -30,16 +30,13 @@ _INCONSISTENT, _FADES = 4.0, 0.97
 disturbance by hand makes it 70 and more. Share of it that stays after a step: it fades in a second."""
 _ALARMS = np.full((2, len(NAMES) + 1), np.inf)
 _ALARMS[0, [TURN, DIRECTION, STICKING, -1]] = 0.5, 1.0, 30.0, 3.0
-_ALARMS[1, DIRECTION] = 0.05
+_ALARMS[1, DIRECTION] = 0.025
 """Mean square errors over 5 and over 30 steps [variances] at which touch and pushing contradict each other, and the
 cost of the measurements of 5 steps; see `factors.ROW`.
 Only exact turns reach theirs; at 0.13 three quarters of the frames of 120 simulated recordings would be ambiguous.
-Undisturbed, directions reach 0.5 in a tenth of all recordings; over a second an error of a fifth of a standard
+Undisturbed, directions reach 0.5 in a tenth of all recordings; over a second an error of a sixth of a standard
 deviation is systematic, since independent ones would cancel in the estimate. A hand that moves the object along its
 face shows in no single factor, but in the cost, which is at most 2.8 in 12 000 undisturbed frames."""
-_SUSPICIONS = _ALARMS.copy()
-_SUSPICIONS[1, DIRECTION] = 0.025
-"""The same for a suspicion; from a quarter of the alarm on, most of a good run would be ambiguous."""
 _SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
 _STILL = 3e-4  # [m] noise of the sensor's own motion
 _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
@@ -51,13 +48,9 @@ _SEVERAL = 3  # of the last frames from which a contradiction counts: a single o
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
 
 
-def disturbance_alarms(window: Window, is_suspicion_enough: bool = False) -> Flags:
-    """Return True (B,) where touch and pushing contradict each other.
-
-    A suspicion is a fit so bad that other hypotheses may fit as well.
-    """
-    limits = _SUSPICIONS if is_suspicion_enough else _ALARMS
-    return np.asarray((window.rows["recent"] > limits).any(axis=(1, 2)))
+def disturbance_alarms(window: Window) -> Flags:
+    """Return True (B,) where touch and pushing contradict each other."""
+    return np.asarray((window.rows["recent"] > _ALARMS).any(axis=(1, 2)))
 
 
 def test_innovations(rows: Hypotheses, inconsistency: Array, is_alone: bool) -> None:

@@ -5,7 +5,7 @@ While nothing is doubtful there is one. Others are added, and the one in which n
 - if touch and pushing contradict each other: something else may have moved the object (`disturbance_alarms`);
 - if a contact begins with a rough belief: the sensor may have met the object at several places (`contact_hypotheses`);
 - until it is known how touch images lie: turned by half a turn or mirrored, touch measures the other side of the tip,
-  so each hypothesis has a twin that takes all of touch with the opposite sign. Pushing soon contradicts the wrong one.
+  so each hypothesis has a twin that takes all of touch with the opposite sign, and weights decide.
 """
 
 import logging
@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 _BACK = 10  # steps before an alarm in which a hand may have moved the object
 _SPREAD = 0.012  # [m] standard deviation of the object's slide over the sensor meanwhile
 _SLIDES = np.array([0.0, 0.018, -0.018, 0.036, -0.036])  # [m] slides over the sensor that become hypotheses
-_UNDECIDED = 0.48  # [s] for which one group is contradicted and the other is not: 15 frames at 30 Hz
+_UNDECIDED = 1e-2  # weight of images that are mirrored, or are not, from which it is undecided
 _MIRRORED = (
     "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
     "it with palpate calibrate --presses, for the outline may be mirrored or the first pose wrong instead"
@@ -88,8 +88,6 @@ class HypothesisBank:
         self._resting_since: float | None = None  # [s]
         self._times: Sequence[float] = []  # of the last frames of a contact [s]
         self._steps = 0  # of a contact
-        self._contradicted = np.zeros(2, np.bool_)  # in a contact: images as they are, and mirrored
-        self._contradicted_since = math.inf  # [s]
 
     @property
     def in_contact(self) -> bool:
@@ -264,7 +262,7 @@ class HypothesisBank:
 
     def _branch_at_alarms(self, window: Window) -> None:
         """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
-        rows, alarms = self._rows, disturbance_alarms(window, is_suspicion_enough=True)
+        rows, alarms = self._rows, disturbance_alarms(window)
         if not alarms.any():
             return
         is_watched = (rows.weight > WATCHED) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
@@ -298,30 +296,21 @@ class HypothesisBank:
         rows.weight, rows.log_prior = weights, np.zeros(1) if is_single else rows.log_prior
         window.count_all_costs(np.full(len(kept), is_single))
         if (sign != sign[0]).any():
-            self._decide_mirrored(window)
+            self._decide_mirrored()
         if is_single and not self._is_found:
             self._is_found = not is_rough(rows.belief, self._model)[0]
 
-    def _decide_mirrored(self, window: Window) -> None:
-        """Decide if touch images are mirrored once all hypotheses agree, or those that disagree are contradicted.
-
-        The latter counts if the object has been found, and those that take images the other way are not contradicted.
-        """
-        sign, time = self._rows.sign, self._times[-1]
-        groups = [group for group in (np.flatnonzero(sign > 0.0), np.flatnonzero(sign < 0.0)) if len(group)]
-        if len(groups) == 2:
-            is_disturbed, detected = np.asarray(window.costs()[..., 2].any(axis=1)), disturbance_alarms(window)
-            best = [[*group[~is_disturbed[group]], *group][0] for group in groups]
-            self._contradicted = self._contradicted | detected[best]
-            if self._contradicted.any():
-                self._contradicted_since = min(self._contradicted_since, time)
-            if not self._is_found or self._contradicted.sum() != 1 or time - self._contradicted_since <= _UNDECIDED:
-                return
-            self._take(groups[int(np.argmin(self._contradicted))])
-            self._rows.weight = self._rows.weight / self._rows.weight.sum()
-        self._may_be_mirrored, self.is_mirrored = False, bool(self._rows.sign[0] < 0.0)
+    def _decide_mirrored(self) -> None:
+        """Decide if touch images are mirrored once hardly any weight is left of one of both answers."""
+        rows, is_mirrored = self._rows, self._rows.sign < 0.0
+        share = float(rows.weight[is_mirrored].sum())
+        if _UNDECIDED < share < 1.0 - _UNDECIDED:
+            return
+        self._may_be_mirrored, self.is_mirrored = False, share > 0.5
+        self._take(is_mirrored == self.is_mirrored)
+        self._rows.weight = self._rows.weight / self._rows.weight.sum()
         if self.is_mirrored:
-            logger.warning("frame at %.3f s: %s", time, _MIRRORED)
+            logger.warning("frame at %.3f s: %s", self._times[-1], _MIRRORED)
 
     def _in_window(self) -> Window:
         assert self._window is not None
