@@ -84,7 +84,8 @@ def imprint(difference: Tensor) -> Tensor:
     grey levels) within 3 rows and 13 columns, about 2 mm of a DIGIT, count by half.
     """
     strength = difference.abs().mean(dim=1, keepdim=True)
-    above, beside = (torch.from_numpy(_near(*each)) for each in ((difference.shape[2], 1), (difference.shape[3], 6)))
+    reaches = ((difference.shape[2], 1), (difference.shape[3], 6))
+    above, beside = (torch.from_numpy(_near(*each)).to(difference.device) for each in reaches)
     # Products with matrices, as ONNX Runtime takes four times as long to pool.
     strength = torch.matmul(above, strength) / above.sum(dim=1, keepdim=True)
     strength = torch.matmul(strength, beside) / beside.sum(dim=0, keepdim=True)
@@ -102,8 +103,9 @@ def keypoint(activation: Tensor) -> Tensor:
     """Return the centres (B, K, 2) of positive maps (B, K, H, W): column and row, from -1 to 1."""
     height, width = activation.shape[-2:]
     total = activation.sum(dim=(2, 3)) + 1e-6
-    column = (activation.sum(dim=2) * cell_centres(width)).sum(dim=2) / total
-    row = (activation.sum(dim=3) * cell_centres(height)).sum(dim=2) / total
+    across, down = (cell_centres(count).to(activation.device) for count in (width, height))
+    column = (activation.sum(dim=2) * across).sum(dim=2) / total
+    row = (activation.sum(dim=3) * down).sum(dim=2) / total
     return torch.stack([column, row], dim=-1)
 
 

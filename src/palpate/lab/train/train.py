@@ -216,7 +216,8 @@ def learn(
     progress: Callable[..., None] | None = None,
     name: str = "touch",
 ) -> None:
-    """Train a network by the likelihood of the distributions that it predicts, all outputs together."""
+    """Train a network by the likelihood of what it predicts, all outputs together; on a GPU where there is one."""
+    device = "cuda" if torch.cuda.is_available() else "cpu"
     contacts, frames = settings.groups if "turn" in network.outputs else (2 * settings.groups[0], 1)
 
     def draw(samples: Samples, rng: np.random.Generator) -> tuple[Samples, Indices, Batch]:
@@ -225,9 +226,9 @@ def learn(
 
     def losses(drawn: tuple[Samples, Indices, Batch]) -> dict[str, Tensor]:
         samples, chosen, seen = drawn
-        outputs = dict(zip(network.outputs, network(seen.difference), strict=True))
+        outputs = (each.cpu() for each in network(seen.difference.to(device)))
         found = {}
-        for name, output in outputs.items():
+        for name, output in zip(network.outputs, outputs, strict=True):
             if name == "turn":
                 yaw = np.unwrap(samples.yaw[chosen], axis=1)
                 turn = output.unflatten(0, chosen.shape)
@@ -256,8 +257,9 @@ def learn(
         found = [losses(draw(held_out, rng)) for _ in range(4)]
         return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
 
-    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     fit(name, network, partial(draw, learned), losses, judged, descent, settings.seed, folder, progress)
+    network.cpu()
 
 
 def split(samples: Samples, share: float, rng: np.random.Generator, settings: TrainSettings) -> tuple[Samples, Samples]:
