@@ -24,13 +24,13 @@ def spread(
     """Yield the results of a function for each item, in no order.
 
     `workers` processes here do the work, this one alone if it is 1, or the cluster of the Dask scheduler at an address
-    such as "tcp://host:8786". Each item has one thread. Closing the generator cancels the rest.
+    such as "tcp://host:8786". Closing the generator cancels the rest.
     Raises SettingError on fewer workers than one, where the cluster does not answer, and where a process dies.
     """
     if workers < 1:
         raise SettingError(f"workers is {workers}; allowed is 1 or more")
     if workers == 1 and dask is None:
-        yield from (_alone(function, item) for item in items)
+        yield from map(function, items)
         return
     with _processes(workers) if dask is None else _cluster(dask) as pool:
         for task in as_completed({pool.submit(_alone, function, item) for item in items}):
@@ -60,21 +60,6 @@ def held_folder(folder: Path) -> Iterator[None]:
         held.release()
         with suppress(OSError):  # unless it stayed empty
             folder.rmdir()
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Keep OpenCV and linear algebra to one thread, so that many processes do not fight for cores."""
-    import cv2
-    from threadpoolctl import threadpool_limits
-
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with threadpool_limits(1):
-            yield
-    finally:
-        cv2.setNumThreads(threads)
 
 
 @contextmanager
@@ -125,8 +110,10 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _alone(function: Callable[[Item], Result], item: Item) -> Result:
-    with one_thread():
-        return function(item)
+    import cv2
+
+    cv2.setNumThreads(1)  # many processes would fight for cores
+    return function(item)
 
 
 def _died() -> SettingError:

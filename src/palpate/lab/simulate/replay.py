@@ -28,7 +28,6 @@ from palpate.pipeline.metrics import flag_runs
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
-from palpate.types.space import LONGEST_GAP
 
 
 class Touched(NamedTuple):
@@ -111,7 +110,7 @@ class Replay:
         return replace(
             motion,
             sensor_pose=se2.compose(motion.object_pose, poses),
-            sensor=DIGIT,
+            sensor=replace(DIGIT, rate=motion.sensor.rate),
             object_pose=np.where(known[:, None], motion.object_pose, np.nan),
             image=images,
             source=self.source,
@@ -132,7 +131,7 @@ class Replay:
 
 
 def real_motion(recording: Recording) -> tuple[Recording, Flags]:
-    """Return the motion of a recording at a DIGIT's rate, and the frames (N,) with a recorded object pose.
+    """Return the motion of a recording, and the frames (N,) with a recorded object pose.
 
     Object poses are bridged where they are unknown; frames without at either end are left out. It is preceded by rest
     if it begins in contact. Raises SettingError, which names the file and the
@@ -150,39 +149,21 @@ def real_motion(recording: Recording) -> tuple[Recording, Flags]:
     known, contact = ~np.isnan(recording.object_pose[span, 0]), recording.contact[span]
     if not contact.any():
         raise SettingError(f"{name}: the object's pose is unknown in all of its contacts")
-    step = np.diff(time)
-    if len(step) > 1 and abs(1.0 / (DIGIT.rate * np.median(step)) - 1.0) > 0.05:
-        at = _instants(time, step)
-        after = np.searchsorted(time, at - 1e-9)
-        before = np.maximum(after - (time[after] > at + 1e-9), 0)
-        known, contact = (
-            known[before] & known[after],
-            contact[np.where(time[after] - at < at - time[before], after, before)],
-        )
-        sensor_pose, object_pose = (se2.interpolated(at, time, each) for each in (sensor_pose, object_pose))
-        time = at
     rest = 0.6  # [s], a little more than the detector of contact needs to see the gel
     if contact[time - time[0] < rest].any():
         # The sensor comes straight to the object from 1 cm away.
-        count = int(np.ceil(rest * DIGIT.rate - 1e-9))
+        rate = recording.sensor.rate
+        count = int(np.ceil(rest * rate - 1e-9))
         off = 0.01 * (1.0 - np.append(0.0, minimum_jerk(count)[:-1]))
         normal = _touched(recording.shape, recording.sensor, se2.between(object_pose[:1], sensor_pose[:1])).normal
         away = se2.transform(np.append([0.0, 0.0], object_pose[0, 2]), normal)
         coming = sensor_pose[0] + np.column_stack((off[:, None] * away, np.zeros(count)))
-        time = np.concatenate((time[0] + np.arange(-count, 0) / DIGIT.rate, time))
+        time = np.concatenate((time[0] + np.arange(-count, 0) / rate, time))
         sensor_pose = np.concatenate((coming, sensor_pose))
         object_pose = np.concatenate((np.repeat(object_pose[:1], count, axis=0), object_pose))
         known = np.concatenate((np.repeat(known[:1], count), known))
         contact = np.concatenate((np.zeros(count, np.bool_), contact))
     return Recording(time - time[0], sensor_pose, recording.shape, recording.sensor, object_pose, contact), known
-
-
-def _instants(time: Array, step: Array) -> Array:
-    """Return times (M,) [s] at a DIGIT's rate within times (N,), none across three missing frames or LONGEST_GAP."""
-    pauses = np.flatnonzero(step > min(3.0 * np.median(step), LONGEST_GAP))
-    begins, ends = time[np.append(0, pauses + 1)], time[np.append(pauses, len(step))]
-    pieces = zip(begins.tolist(), ends.tolist(), strict=True)
-    return np.concatenate([np.arange(begin, end + 1e-9, 1.0 / DIGIT.rate) for begin, end in pieces])
 
 
 def _touched(shape: Shape, sensor: SensorProfile, object_T_sensor: Array) -> Touched:
