@@ -8,7 +8,7 @@ episode has a graph, which starts from the marginal of the last one: between epi
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 
 import gtsam
 import numpy as np
@@ -26,52 +26,34 @@ CAPTURE = (1e-4, 1e-4, 2.6e-3)
 """Standard deviations of a measured pose [m, m, rad], as simulated: of Eq. 12 and of the first object pose."""
 
 
-@dataclass(frozen=True)
-class Deviations:
-    """Standard deviations of the physical factors: those of pushes that stick, by the errors summed over a contact.
-
-    The authors' are 1e-3 for all three rows of the quasi-static factor and 1e-2 for contact.
-    """
-
-    quasi_static: tuple[float, float, float] = (8e-5, 8e-5, 2.7e-5)
-    """Sticking in x and y [m], and torque [m^2 over the unit of length]."""
-    contact: float = 8e-3
-    """Distance of the contact point from the outline [m]."""
+def contact_point(model: ContactModel, g: Array) -> tuple[Array, Array]:
+    """Return the gap [m] between tip and outline (...), and the contact point (..., 2) in the object frame."""
+    touch = model.touching(np.ascontiguousarray(g.reshape(1, -1, 3))).reshape(g.shape[:-1])
+    point = touch["point"] - touch["gap"] * touch["normal"]
+    return touch["gap"], np.stack((np.real(point), np.imag(point)), axis=-1)
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
-    """Object and sensor."""
+def contact_residual(model: ContactModel, poses: Array) -> Array:
+    """Return the contact error (..., 1) of g (..., 1, 3): Eq. 11, two-sided."""
+    return contact_point(model, poses[..., 0, :])[0][..., None]
 
-    contact: ContactModel
-    """Outline, limit surface and the tip, which for the paper's contact point is sharp."""
 
-    def contact_point(self, g: Array) -> tuple[Array, Array]:
-        """Return the gap [m] between tip and outline (...), and the contact point (..., 2) in the object frame."""
-        touch = self.contact.touching(np.ascontiguousarray(g.reshape(1, -1, 3))).reshape(g.shape[:-1])
-        point = touch["point"] - touch["gap"] * touch["normal"]
-        return touch["gap"], np.stack((np.real(point), np.imag(point)), axis=-1)
-
-    def contact_residual(self, poses: Array) -> Array:
-        """Return the contact error (..., 1) of g (..., 1, 3): Eq. 11, two-sided."""
-        return self.contact_point(poses[..., 0, :])[0][..., None]
-
-    def quasi_static_residual(self, poses: Array) -> Array:
-        """Return the errors (..., 3) of g and e before and after a step (..., 4, 3): Eqs. 7 to 10, D V - Vp."""
-        g0, e0, g1, e1 = (poses[..., k, :] for k in range(4))
-        before, after = se2.compose(e0, se2.inverse(g0)), se2.compose(e1, se2.inverse(g1))
-        vx, vy, omega = np.moveaxis(se2.log(se2.between(before, after)), -1, 0)
-        _, p = self.contact_point(g1)
-        # The material point of the sensor that is in contact, before the step, in the object frame after it.
-        came_from = se2.transform(se2.between(after, se2.compose(e0, se2.between(e1, after))), p)
-        pushed = p - came_from
-        px, py = p[..., 0], p[..., 1]
-        rows = (
-            vx - omega * py - pushed[..., 0],
-            vy + omega * px - pushed[..., 1],
-            px * vy - py * vx - self.contact.friction_radius**2 * omega,
-        )
-        return np.stack(rows, axis=-1)
+def quasi_static_residual(model: ContactModel, poses: Array) -> Array:
+    """Return the errors (..., 3) of g and e before and after a step (..., 4, 3): Eqs. 7 to 10, D V - Vp."""
+    g0, e0, g1, e1 = (poses[..., k, :] for k in range(4))
+    before, after = se2.compose(e0, se2.inverse(g0)), se2.compose(e1, se2.inverse(g1))
+    vx, vy, omega = np.moveaxis(se2.log(se2.between(before, after)), -1, 0)
+    _, p = contact_point(model, g1)
+    # The material point of the sensor that is in contact, before the step, in the object frame after it.
+    came_from = se2.transform(se2.between(after, se2.compose(e0, se2.between(e1, after))), p)
+    pushed = p - came_from
+    px, py = p[..., 0], p[..., 1]
+    rows = (
+        vx - omega * py - pushed[..., 0],
+        vy + omega * px - pushed[..., 1],
+        px * vy - py * vx - model.friction_radius**2 * omega,
+    )
+    return np.stack(rows, axis=-1)
 
 
 def tactile_error(earlier: Indices, later: Indices, error: Array) -> float:
@@ -90,8 +72,8 @@ def tactile_error(earlier: Indices, later: Indices, error: Array) -> float:
 class Tracker:
     """Online estimate of the object pose over contact episodes."""
 
-    def __init__(self, model: Model, first_pose: Array, deviations: Deviations) -> None:
-        self._model, self._deviations = model, deviations
+    def __init__(self, model: ContactModel, first_pose: Array) -> None:
+        self._model = model
         self.pose, self.covariance = first_pose, np.diag(np.square(CAPTURE))
         self.steps = 0
         """Frames in the graph of this episode; 0 begins one, for which the object rests where it was estimated."""
@@ -112,11 +94,14 @@ class Tracker:
         else:
             guess = _array(self._isam.calculateEstimatePose2(_g(t - 1)))  # it sticks
             keys = [_g(t - 1), _e(t - 1), _g(t), _e(t)]
-            graph.push_back(_factor(keys, self._model.quasi_static_residual, self._deviations.quasi_static))
+            # Of pushes that stick [m, m, m^2 over the unit of length], by errors summed over a contact; authors': 1e-3.
+            sigmas = (8e-5, 8e-5, 2.7e-5)
+            graph.push_back(_factor(keys, partial(quasi_static_residual, self._model), sigmas))
         values.insert(_g(t), gtsam.Pose2(*guess))
         values.insert(_e(t), gtsam.Pose2(*sensor_pose))
         graph.push_back(gtsam.PriorFactorPose2(_e(t), gtsam.Pose2(*sensor_pose), _sigmas(CAPTURE)))  # Eq. 12
-        graph.push_back(_factor([_g(t)], self._model.contact_residual, (self._deviations.contact,)))
+        sigmas = (8e-3,)  # [m], likewise; authors': 1e-2
+        graph.push_back(_factor([_g(t)], partial(contact_residual, self._model), sigmas))
         for back, turn in turns:
             if back <= t:
                 measured, noise = gtsam.Pose2(0.0, 0.0, turn), _sigmas((1.0, 1.0, sigma))  # x and y do not count
@@ -135,19 +120,18 @@ class Tracker:
 
 
 def track_episodes(
-    model: Model,
+    model: ContactModel,
     sensor_pose: Array,
     episode: Indices,
     turns: dict[int, list[tuple[int, float]]],
     first_pose: Array,
     sigma: float,
-    deviations: Deviations = Deviations(),
 ) -> tuple[Array, Array, Array]:
     """Track a sequence of N frames; `turns` has the tactile measurements by frame, `sigma` their deviation [rad].
 
     Return poses (N, 3), covariances (N, 3, 3) and the time of each step (N,) [ms].
     """
-    tracker = Tracker(model, first_pose, deviations)
+    tracker = Tracker(model, first_pose)
     poses, covariances, took = [], [], []
     for t, pose in enumerate(sensor_pose):
         begin = time.perf_counter()

@@ -21,7 +21,7 @@ from palpate.io import load_recording
 from palpate.io.outlines import load_shape
 from palpate.lab.paper import figures
 from palpate.lab.paper.features import KeypointNetwork, keypoints_of, learn_keypoints
-from palpate.lab.paper.graph import CAPTURE, Model, compared_frames, tactile_error, track_episodes
+from palpate.lab.paper.graph import CAPTURE, compared_frames, tactile_error, track_episodes
 from palpate.lab.paper.images import Images, draw_pairs, episode_numbers, joined, read_images, turn_between
 from palpate.lab.paper.transform_network import Pairs, expanded, fit_all, fit_linear, validation_loss
 from palpate.lab.parallel import spread
@@ -238,10 +238,8 @@ def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
         return track_file(path, "learnt", settings)
     recording, sigma = load_recording(path), read_json(out / "models.json")["deviations"].get(mode, 0.0)
     truth, episode = np.asarray(recording.object_pose), episode_numbers(np.asarray(recording.contact))
-    model, turns = (
-        Model(contact_model(recording.shape, recording.sensor)),
-        {} if mode == "none" else _felt(path, out)[mode],
-    )
+    model = contact_model(recording.shape, recording.sensor)
+    turns = {} if mode == "none" else _felt(path, out)[mode]
     pose, covariance, took = track_episodes(model, recording.sensor_pose, episode, turns, truth[0], sigma)
     said = ("tracking",) * len(recording), ("",) * len(recording)
     online = Trajectory(recording.time, pose, covariance, episode >= 0, *said)

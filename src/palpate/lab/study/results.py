@@ -36,20 +36,22 @@ FINALS = {"final_mm": "final_translation_error_mm", "final_deg": "final_rotation
 
 def results_of(study: Study, settings: StudySettings, folder: Path, workers: int, command: str) -> dict[str, Any]:
     """Return the content of `results.json`."""
+    recordings = {trial.recording: trial.facts for trial in study.trials}
     return {
         "command": command,
         "settings": described(settings),
         "study": {
             "palpate": palpate.__version__,
             "folder": str(folder),
-            **{name: len(getattr(study, name)) for name in ("recordings", "trials", "skipped", "failed")},
+            "recordings": len(recordings),
+            **{name: len(getattr(study, name)) for name in ("trials", "skipped", "failed")},
             "kept": study.kept,
             "wall_s": study.wall_s,
             "workers": workers,
             "cores": os.cpu_count(),
         },
         "table": table(study.trials, settings.methods),
-        "recordings": study.recordings,
+        "recordings": recordings,
         "skipped": [{"recording": name, "method": m, "reason": why} for (name, m), why in study.skipped.items()],
         "failed": [{"recording": name, "method": m, "error": why} for (name, m), why in study.failed.items()],
     }

@@ -98,11 +98,6 @@ class Study:
     wall_s: float = 0.0
     """Duration [s]."""
 
-    @property
-    def recordings(self) -> dict[str, dict[str, Any]]:
-        """Facts of each recording that was tracked."""
-        return {trial.recording: trial.facts for trial in self.trials}
-
 
 @dataclass(frozen=True)
 class _Failure:
