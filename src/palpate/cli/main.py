@@ -8,6 +8,7 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +17,25 @@ import tyro
 from palpate import __version__
 from palpate.cli.console import complain
 from palpate.cli.recordings import calibrate, convert, info, view
-from palpate.cli.simulate import simulate, truth, truth_camera, truth_print
-from palpate.cli.study import evaluate, paper, train, tune
 from palpate.cli.track import demo, live, track, warm_up
 from palpate.errors import PalpateError, SettingError, printable
 
-COMMANDS: Any = {
-    command.__name__.replace("_", "-"): command
-    for command in (
-        *(demo, info, track, live, convert, simulate, calibrate, train, paper, evaluate, tune, view),
-        *(truth_print, truth_camera, truth, warm_up),
-    )
-}
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files failed. "
     "--version prints the version."
 )
 FOR_ALL = "With --json it prints one JSON object; with --debug, an error shows its traceback."
 """Options of every command."""
+
+
+def commands() -> dict[str, Any]:
+    """Return all commands by name, in the order of the help."""
+    lab = import_module("palpate.lab.commands")
+    found = (
+        *(demo, info, track, live, convert, lab.simulate, calibrate, lab.train, lab.paper, lab.evaluate, lab.tune),
+        *(view, lab.truth_print, lab.truth_camera, lab.truth, warm_up),
+    )
+    return {command.__name__.replace("_", "-"): command for command in found}
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -62,15 +64,16 @@ def main(args: Sequence[str] | None = None) -> int:
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
     if words[:1] in ([], ["help"]):
         words = [*words[1:2], "--help"]
-    command: Any = COMMANDS.get(words[0])
+    known = commands()
+    command: Any = known.get(words[0])
     try:
         if not command and not words[0].startswith("-"):
-            near = difflib.get_close_matches(words[0], COMMANDS, 1)
-            question = f"did you mean {near[0]}?" if near else f"known are {', '.join(COMMANDS)}"
+            near = difflib.get_close_matches(words[0], known, 1)
+            question = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
             raise SettingError(f"there is no command {words[0]!r}; {question}")
         if not command:  # one alone is quicker, since options of all take a tenth of a second
             tyro.extras.subcommand_cli_from_dict(
-                COMMANDS, prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
+                known, prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
             )
         about = f"{inspect.cleandoc(command.__doc__).partition('Args:')[0]}{FOR_ALL}"
         made = tyro.cli(command, prog=f"palpate {words[0]}", description=about, args=words[1:], config=config)

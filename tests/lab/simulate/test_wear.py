@@ -11,7 +11,7 @@ from palpate.geometry import se2
 from palpate.lab.simulate import set_up_errors
 from palpate.lab.simulate.recordings import Simulation
 from palpate.lab.simulate.scene import WARM_UP
-from palpate.lab.simulate.set_up_errors import Mark, Wear, worn
+from palpate.lab.simulate.set_up_errors import Mark, draw_errors, worn
 from palpate.lab.simulate.unit import draw_unit
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
@@ -24,15 +24,19 @@ UNIT = dataclasses.replace(draw_unit(DIGIT, 3), no_contact=np.full((320, 240, 3)
 """A unit of one even level, on which marks do not saturate."""
 
 
-def worn_at(unit, wear, seconds, duration):
-    return next(iter(worn(unit, wear, np.array([seconds, duration]))))
+def wear(light, *marks):
+    return dataclasses.replace(draw_errors(np.random.default_rng(0)), light=light, marks=marks)
+
+
+def worn_at(unit, errors, seconds, duration):
+    return next(iter(worn(unit, errors, np.array([seconds, duration]))))
 
 
 def test_the_image_without_contact_follows_the_lights():
-    drawn, wear = draw_unit(DIGIT, 5), Wear(RISE, ())
-    later = worn_at(drawn, wear, WARM_UP, 60.0)
+    drawn, warming = draw_unit(DIGIT, 5), wear(RISE)
+    later = worn_at(drawn, warming, WARM_UP, 60.0)
     np.testing.assert_allclose(later.colour, drawn.colour * (1.0 + WARM_UP * RISE)[:, None])
-    assert (worn_at(drawn, wear, 50.0, 60.0).no_contact == later.no_contact).all()  # the lights have warmed up
+    assert (worn_at(drawn, warming, 50.0, 60.0).no_contact == later.no_contact).all()  # the lights have warmed up
     bright = (drawn.no_contact > 60) & (drawn.no_contact < 220)
     share = later.no_contact / np.maximum(drawn.no_contact, 1.0) - 1.0
     assert np.abs(share[bright]).max() < 0.115
@@ -43,8 +47,8 @@ def test_the_image_without_contact_follows_the_lights():
 
 
 def test_a_grain_and_a_scratch_appear_and_stay():
-    wear = Wear(np.zeros(3), (GRAIN, SCRATCH))
-    early, late = (worn_at(UNIT, wear, seconds, 10.0).no_contact.astype(int) - 120 for seconds in (4.9, 5.0))
+    marked = wear(np.zeros(3), GRAIN, SCRATCH)
+    early, late = (worn_at(UNIT, marked, seconds, 10.0).no_contact.astype(int) - 120 for seconds in (4.9, 5.0))
     np.testing.assert_array_equal(late[80, 180], GRAIN.levels)
     assert not early[80, 180].any() and not late[80, 190].any()
     for image in (early, late):  # the scratch is there from the first image on, 3 px across and 60 px long
@@ -53,8 +57,8 @@ def test_a_grain_and_a_scratch_appear_and_stay():
 
 
 def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
-    wear = Wear(RISE, (dataclasses.replace(GRAIN, when=0.3), dataclasses.replace(SCRATCH, when=0.6)))
-    monkeypatch.setattr(set_up_errors, "draw_wear", lambda rng: wear)
+    marks = dataclasses.replace(GRAIN, when=0.3), dataclasses.replace(SCRATCH, when=0.6)
+    monkeypatch.setattr(set_up_errors, "draw_wear", lambda rng: (RISE, marks))
     ideal, usual = (Simulation(DISC, "disc", 3, 5.0, unit=2, ideal=ideal).run() for ideal in (True, False))
     touched = usual.contact
     assert touched is not None and touched.any() and not touched[:15].any() and not touched[-8:].any()

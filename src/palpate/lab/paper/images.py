@@ -11,7 +11,6 @@ from palpate.arrays import Array, Image
 from palpate.geometry import se2
 from palpate.lab.train.samples import KINDS, difference, gel_at_rest, geometry_of
 from palpate.touch.background import Background
-from palpate.touch.cells import check_image
 from palpate.touch.touch_model import reduced
 from palpate.types.recording import Recording
 
@@ -106,16 +105,14 @@ def patch_outline(image: Image, background: Background) -> NDArray[np.float32] |
 
     The change from the untouched gel, less what has shifted all of a channel, is averaged over the channels and split
     by Otsu's threshold. The hull of the largest contour is the patch: it fills what a ring or the shading of a slope
-    leaves open. Raises SettingError on an image of another size or type than the background's.
+    leaves open.
     """
     import cv2
 
-    height, width = background.mean.shape[:2]
-    check_image(image, height, width)
-    scale = max(min(height, width) / 120, 1.0)  # 120 pixels a side are enough for a patch, with little noise
-    columns, rows = round(width / scale), round(height / scale)
     change = cv2.subtract(image, background.mean, dtype=cv2.CV_32F)
-    change = cv2.GaussianBlur(cv2.resize(change, (columns, rows), interpolation=cv2.INTER_AREA), (0, 0), 1.5)
+    scale = max(min(image.shape[:2]) / 120, 1.0)  # 120 pixels a side are enough for a patch, with little noise
+    change = cv2.resize(change, None, fx=1.0 / scale, fy=1.0 / scale, interpolation=cv2.INTER_AREA)
+    change = cv2.GaussianBlur(change, (0, 0), 1.5)
     levels = np.abs(change - np.median(change, axis=(0, 1))).mean(axis=-1)
     step = max(float(levels.max()) / 255.0, 1e-6)
     otsu, _ = cv2.threshold((levels / step).astype(np.uint8), 0.0, 1.0, cv2.THRESH_OTSU)
@@ -128,7 +125,7 @@ def patch_outline(image: Image, background: Background) -> NDArray[np.float32] |
     hull = cv2.convexHull(max(contours, key=cv2.contourArea))
     if cv2.contourArea(hull) < 40.0:  # 0.9 mm^2 of a DIGIT's pad
         return None
-    return ((hull[:, 0] + 0.5) * (width / columns, height / rows) - 0.5).astype(np.float32)
+    return ((hull[:, 0] + 0.5) * scale - 0.5).astype(np.float32)
 
 
 def ellipse_features(image: Image, background: Background) -> Array:

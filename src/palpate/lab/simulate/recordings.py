@@ -100,7 +100,7 @@ class Simulation:
         if self.images:
             images, side = [], draw_side(camera)
             poses = se2.between(motion.object_pose, motion.sensor_pose)
-            units = worn(unit, errors.wear if errors else None, time)
+            units = worn(unit, errors, time)
             for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
                 images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
                 if progress:

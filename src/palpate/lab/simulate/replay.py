@@ -225,10 +225,8 @@ def _bridged(recording: Recording) -> Array:
                 f"pose: {seconds:.2f} s from known to known, and up to {longest:g} s can be bridged"
             )
         ends = se2.between(recording.sensor_pose[[before, end]], pose[[before, end]])
-        way = ends[1] - ends[0]
-        way[2] = se2.wrap(float(way[2]))
-        part = (time[first:end] - time[before]) / seconds
-        pose[first:end] = se2.compose(recording.sensor_pose[first:end], ends[0] + part[:, None] * way)
+        between = se2.interpolated(time[first:end], time[[before, end]], ends)
+        pose[first:end] = se2.compose(recording.sensor_pose[first:end], between)
     return pose
 
 

@@ -57,16 +57,6 @@ class Mark:
 
 
 @dataclass(frozen=True, eq=False)
-class Wear:
-    """Change of one unit's image during one recording."""
-
-    light: Array
-    """Relative growth of the three lights, (3,) [1/s], for WARM_UP."""
-    marks: tuple[Mark, ...]
-    """Marks that appear on the skin."""
-
-
-@dataclass(frozen=True, eq=False)
 class SetUpErrors:
     """Systematic errors of one recording."""
 
@@ -82,8 +72,10 @@ class SetUpErrors:
     """Standard deviations of first poses, (3,) [m, m, rad]."""
     gel_drift: tuple[float, float]
     """Relative growth of the gel's friction and stiffness [1/s], for WARM_UP."""
-    wear: Wear
-    """Change of the gel's light and skin."""
+    light: Array
+    """Relative growth of the three lights, (3,) [1/s], for WARM_UP."""
+    marks: tuple[Mark, ...]
+    """Marks that appear on the skin."""
 
 
 def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpErrors:
@@ -99,6 +91,7 @@ def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpError
     def rms(low: float, high: float) -> float:
         return float(np.sqrt((low * low + low * high + high * high) / 3.0))  # of a uniform distribution
 
+    light, marks = draw_wear(rng.spawn(1)[0])  # a generator of its own: later draws from rng do not depend on the wear
     near, turned = (2e-3, 5e-3), (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
     drift = 0.2 / WARM_UP
     errors = SetUpErrors(
@@ -108,7 +101,8 @@ def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpError
         first_pose=offset(rng.uniform(*near), rng.uniform(*turned)),
         first_pose_sigma=np.array([rms(*near) / np.sqrt(2.0)] * 2 + [rms(*turned)]),
         gel_drift=(rng.uniform(-drift, drift), rng.uniform(-drift, drift)),
-        wear=draw_wear(rng.spawn(1)[0]),  # a generator of its own: later draws from rng do not depend on the wear
+        light=light,
+        marks=marks,
     )
     if unit is None:
         return errors
@@ -116,7 +110,7 @@ def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpError
     return replace(errors, mounting=robot.mounting, outline=robot.outline, late=robot.late)
 
 
-def draw_wear(rng: np.random.Generator) -> Wear:
+def draw_wear(rng: np.random.Generator) -> tuple[Array, tuple[Mark, ...]]:
     """Draw the change of a unit's light and skin; a mark is a scratch as often as a grain."""
     light = rng.uniform(-0.05, 0.05) + rng.uniform(-0.05, 0.05, 3)
     marks = []
@@ -129,24 +123,24 @@ def draw_wear(rng: np.random.Generator) -> Wear:
             red = green = blue = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
             width, length = rng.uniform(2.0, 4.0), rng.uniform(0.1, 0.5)  # no finer than the coating of 0.15 mm
         marks.append(Mark(when, (row, column), width, length, angle, (red, green, blue)))
-    return Wear(light / WARM_UP, tuple(marks))
+    return light / WARM_UP, tuple(marks)
 
 
-def worn(unit: SensorUnit, wear: Wear | None, time: Array) -> Iterator[SensorUnit]:
-    """Yield the unit at each of these times (N,) [s], from 0; without wear it stays the same.
+def worn(unit: SensorUnit, errors: SetUpErrors | None, time: Array) -> Iterator[SensorUnit]:
+    """Yield the unit at each of these times (N,) [s], from 0; without errors it stays the same.
 
     The image without contact changes as the lights that reach each pixel do.
     """
-    if wear is None:
+    if errors is None:
         yield from (unit for _ in time)
         return
     lit = np.maximum(np.tensordot(unit.illumination, unit.colour, axes=(0, 0)), 1e-6)
-    marks = [(mark.when * float(time[-1]), mark.image(lit.shape[:2])) for mark in wear.marks]
+    marks = [(mark.when * float(time[-1]), mark.image(lit.shape[:2])) for mark in errors.marks]
     now, last = unit, -1
     for step in (time / 0.5).astype(int).tolist():  # in half a second no light changes by a grey level
         if step != last:
             last, seconds = step, 0.5 * step
-            colour = (1.0 + wear.light * min(seconds, WARM_UP))[:, None] * unit.colour
+            colour = (1.0 + errors.light * min(seconds, WARM_UP))[:, None] * unit.colour
             image = unit.no_contact * (np.tensordot(unit.illumination, colour, axes=(0, 0)) / lit)
             for when, mark in marks:
                 if when <= seconds:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.errors import FileError
 from palpate.files import whole_file
 from palpate.lab.study.results import ALL, FINALS
 from palpate.lab.study.study import Trial
@@ -42,10 +41,7 @@ def write_figures(folder: Path, trials: Sequence[Trial]) -> None:
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
     if not scored:
         return
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{error.filename}: cannot be written ({error.strerror})") from error
+    folder.mkdir(parents=True, exist_ok=True)
     with own_style(**STYLE):
         for name, figure in (("over-time", errors_over_time(scored)), ("final-errors", final_errors(scored))):
             handles, labels = figure.axes[0].get_legend_handles_labels()

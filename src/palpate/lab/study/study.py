@@ -6,7 +6,7 @@ measurements, as in `TrackerSettings.tactile`.
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -188,20 +188,15 @@ def described(settings: StudySettings) -> dict[str, Any]:
     }
 
 
-def flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Return settings within settings as `noise.contact.deviation`, with their values as JSON."""
-    found: dict[str, str] = {}
+def flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield settings within settings as `noise.contact.deviation`, with their values."""
     for name, value in settings.items():
-        if isinstance(value, Mapping):
-            found |= flat(value, f"{prefix}{name}.")
-        else:
-            found[prefix + name] = json.dumps(value, ensure_ascii=False)
-    return found
+        yield from flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else [(prefix + name, value)]
 
 
 def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
     """Write the settings to an empty folder, or check that those in it are the same."""
-    path, now = out / "study.json", described(settings)
+    path, now = out / "study.json", json.loads(json.dumps(described(settings)))
     if not any(not each.name.startswith(".") for each in out.iterdir()):
         with whole_file(path) as part:
             part.write_text(json.dumps({**FORMAT, "made_with": now}, indent=1) + "\n", encoding="utf-8")
@@ -211,10 +206,9 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
     found = read_json(path)
     if {key: found.get(key) for key in FORMAT} != FORMAT or not isinstance(found.get("made_with"), dict):
         raise FileError(f"{path}: is not of format {FORMAT['format']!r}, version {FORMAT['version']}")
-    old, new = flat(found["made_with"]), flat(now)
-    for name in {**old, **new}:
-        may_differ = name in ("methods", "model.folder", "calibration.file")
-        if old.get(name) != new.get(name) and not may_differ:
+    old, new = dict(flat(found["made_with"])), dict(flat(now))
+    for name in old | new:
+        if old.get(name) != new.get(name) and name not in ("methods", "model.folder", "calibration.file"):
             change = f"{name} was {old.get(name)}, is {new.get(name)}"
             raise SettingError(f"{out}: was made with other settings ({change}); name another folder")
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Image
 from palpate.checks import NUMBERS, checked_array
 from palpate.errors import FileError
 from palpate.files import existing_file, in_file, read_json, whole_file
 from palpate.geometry import se2
-from palpate.lab.truth.tags import OBJECT, SENSOR, TABLE, Gray, Tag, board, find_tags
+from palpate.lab.truth.tags import OBJECT, SENSOR, TABLE, Tag, board, find_tags
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class TagTrack:
     """Height of the tag over the table [m]."""
 
 
-def calibrated(pictures: Iterable[Gray]) -> Camera:
+def calibrated(pictures: Iterable[Image]) -> Camera:
     """Return the camera from pictures of the board, held at an angle all over the view.
 
     At most 40 of them are used. Raises FileError if the board is seen in too few.
@@ -99,7 +99,7 @@ def load_camera(path: Path) -> Camera:
         raise FileError(f"{path}: is no camera of palpate truth-camera ({error!r})") from error
 
 
-def read_video(path: Path) -> Iterator[tuple[float, Gray]]:
+def read_video(path: Path) -> Iterator[tuple[float, Image]]:
     """Yield each picture of a video, in grey, with its time [s]. Raises FileError if the file is no video."""
     import cv2
 
@@ -121,7 +121,7 @@ def read_video(path: Path) -> Iterator[tuple[float, Gray]]:
         raise FileError(f"{path}: is no video that OpenCV can read")
 
 
-def track_tags(pictures: Iterable[tuple[float, Gray]], camera: Camera) -> tuple[TagTrack, TagTrack]:
+def track_tags(pictures: Iterable[tuple[float, Image]], camera: Camera) -> tuple[TagTrack, TagTrack]:
     """Return the tracks of object and sensor in pictures with their times [s].
 
     Raises FileError if a picture has another size than the camera's, or a tag is never seen.

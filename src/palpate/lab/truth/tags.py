@@ -17,8 +17,6 @@ from palpate.files import whole_file
 from palpate.geometry.shapes import Shape
 from palpate.pipeline.figures import own_style
 
-Gray = Image
-
 
 @dataclass(frozen=True)
 class Tag:
@@ -53,7 +51,7 @@ SQUARES, SQUARE = (7, 5), 0.035
 """Squares of the calibration board along x and y, and their side [m]."""
 
 
-def find_tags(image: Gray) -> dict[int, Array]:
+def find_tags(image: Image) -> dict[int, Array]:
     """Return the corners (4, 2) [px] of each tag in a grey picture, by its id.
 
     A quick search finds the tags, an exact one around each of them refines the corners.
@@ -84,7 +82,7 @@ def _family() -> Any:
     return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
 
 
-def _detected(image: Gray, exact: bool) -> dict[int, Array]:
+def _detected(image: Image, exact: bool) -> dict[int, Array]:
     import cv2
 
     settings = cv2.aruco.DetectorParameters()

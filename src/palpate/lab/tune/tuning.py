@@ -205,10 +205,8 @@ def _scored(named: tuple[str, Path], settings: StudySettings) -> tuple[str, dict
 
 def parameters_of(settings: TrackerSettings, tactile: str) -> tuple[str, ...]:
     """Return the parameters that matter with a kind of touch and are not off."""
-    modes = {"learnt", "oracle"} if tactile == "auto" else {tactile}
-    only_in = {"direction.share": {"learnt"}, "turn.share": {"learnt", "oracle"}}
-    matter = [name for name in TUNABLE if modes & only_in.get(name, modes)]
-    return tuple(name for name in matter if _setting(settings, name) is not None)
+    unused = {"none": ("direction.share", "turn.share"), "oracle": ("direction.share",)}.get(tactile, ())
+    return tuple(name for name in TUNABLE if name not in unused and _setting(settings, name) is not None)
 
 
 def value_of(settings: TrackerSettings, name: str) -> float:

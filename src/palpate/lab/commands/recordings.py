@@ -170,8 +170,6 @@ def truth(
         camera: The camera, from palpate truth-camera.
         out: The recording with ground truth.
     """
-    import numpy as np
-
     from palpate.lab.truth.alignment import align, with_truth
     from palpate.lab.truth.camera import load_camera, read_video, track_tags
 
@@ -182,10 +180,9 @@ def truth(
         alignment = align(given.time, given.sensor_pose, tag_on_sensor)
     found = with_truth(given, tag_on_object, alignment)
     palpate.write_recording(found, out, overwrite=force)
-    assert found.object_pose is not None
     summary = {
         "frames": len(found),
-        "with_truth": int(np.isfinite(found.object_pose).all(axis=1).sum()),
+        "with_truth": int(found.trusted_truth.sum()),
         "delay_s": alignment.delay,
         "delay_sigma_s": float(alignment.sigma[3]),
         "object_height_mm": tag_on_object.height * 1e3,
