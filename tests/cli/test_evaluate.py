@@ -61,8 +61,7 @@ def test_a_study_writes_tables(evaluate):
     (shown,) = [line for line in out.splitlines() if line.strip().startswith("oracle")]
     assert "median {median:.3g}, worst {worst:.3g}".format(**row["final_mm"]) in shown
     assert found["settings"]["methods"] == ["none", "oracle"]
-    facts = found["recordings"]["edges-1.mcap"]
-    assert facts["frames"] == 40 and facts["truth"] and not facts["images"] and facts["group"] == "edges"
+    assert found["recordings"]["edges-1.mcap"]["group"] == "edges"
     oracle = [each for each in rows() if each["tactile"] == "oracle"]
     shares, frames = ([float(each[key]) for each in oracle] for key in ("ambiguous_share", "contact_frames"))
     assert row["ambiguous"] == pytest.approx(np.average(shares, weights=frames))

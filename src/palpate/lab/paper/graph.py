@@ -12,6 +12,7 @@ from functools import partial
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import E, G
 from numpy.typing import NDArray
 
 from palpate.arrays import Array
@@ -90,26 +91,26 @@ class Tracker:
             guess = se2.between(self.pose, sensor_pose)
             turned = se2.adjoint(se2.inverse(guess))
             first = gtsam.noiseModel.Gaussian.Covariance(turned @ self.covariance @ turned.T)
-            graph.push_back(gtsam.PriorFactorPose2(_g(0), gtsam.Pose2(*guess), first))
+            graph.push_back(gtsam.PriorFactorPose2(G(0), gtsam.Pose2(*guess), first))
         else:
-            guess = _array(self._isam.calculateEstimatePose2(_g(t - 1)))  # it sticks
-            keys = [_g(t - 1), _e(t - 1), _g(t), _e(t)]
+            guess = _array(self._isam.calculateEstimatePose2(G(t - 1)))  # it sticks
+            keys = [G(t - 1), E(t - 1), G(t), E(t)]
             # Of pushes that stick [m, m, m^2 over the unit of length], by errors summed over a contact; authors': 1e-3.
             sigmas = (8e-5, 8e-5, 2.7e-5)
             graph.push_back(_factor(keys, partial(quasi_static_residual, self._model), sigmas))
-        values.insert(_g(t), gtsam.Pose2(*guess))
-        values.insert(_e(t), gtsam.Pose2(*sensor_pose))
-        graph.push_back(gtsam.PriorFactorPose2(_e(t), gtsam.Pose2(*sensor_pose), _sigmas(CAPTURE)))  # Eq. 12
+        values.insert(G(t), gtsam.Pose2(*guess))
+        values.insert(E(t), gtsam.Pose2(*sensor_pose))
+        graph.push_back(gtsam.PriorFactorPose2(E(t), gtsam.Pose2(*sensor_pose), _sigmas(CAPTURE)))  # Eq. 12
         sigmas = (8e-3,)  # [m], likewise; authors': 1e-2
-        graph.push_back(_factor([_g(t)], partial(contact_residual, self._model), sigmas))
+        graph.push_back(_factor([G(t)], partial(contact_residual, self._model), sigmas))
         for back, turn in turns:
             if back <= t:
                 measured, noise = gtsam.Pose2(0.0, 0.0, turn), _sigmas((1.0, 1.0, sigma))  # x and y do not count
-                graph.push_back(gtsam.BetweenFactorPose2(_g(t - back), _g(t), measured, noise))
+                graph.push_back(gtsam.BetweenFactorPose2(G(t - back), G(t), measured, noise))
         try:
             self._isam.update(graph, values)
-            g, e = (_array(self._isam.calculateEstimatePose2(key)) for key in (_g(t), _e(t)))
-            of_g, of_e = (self._isam.marginalCovariance(key) for key in (_g(t), _e(t)))
+            g, e = (_array(self._isam.calculateEstimatePose2(key)) for key in (G(t), E(t)))
+            of_g, of_e = (self._isam.marginalCovariance(key) for key in (G(t), E(t)))
         except RuntimeError as error:  # an indeterminate linear system
             _log.warning("a frame of contact is left out: %s", error)
             self.steps = 0
@@ -188,11 +189,3 @@ def _sigmas(sigmas: Sequence[float]) -> gtsam.noiseModel.Diagonal:
 
 def _array(pose: gtsam.Pose2) -> Array:
     return np.array([pose.x(), pose.y(), pose.theta()])
-
-
-def _g(t: int) -> int:
-    return gtsam.symbol("g", t)
-
-
-def _e(t: int) -> int:
-    return gtsam.symbol("e", t)

@@ -15,11 +15,11 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES, Shape, shape_to_dict
 from palpate.io.recording_mcap import METADATA, write_recording
 from palpate.io.rosbag_reader import CutShort, front_matter, mcap_messages
+from palpate.lab import required
 from palpate.lab.parallel import held_folder, spread
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import kinds
 from palpate.lab.simulate.pushes import draw_sequence, measured
-from palpate.lab.simulate.scene import load_mujoco
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
 from palpate.types.images import encode_image
@@ -100,7 +100,7 @@ class Simulation:
         if self.images:
             images, side = [], draw_side(camera)
             poses = se2.between(motion.object_pose, motion.sensor_pose)
-            units = worn(unit, errors, time)
+            units = worn(unit, errors, time) if errors else [unit] * len(time)
             for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
                 images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
                 if progress:
@@ -152,7 +152,7 @@ def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any)
     if not 1 <= count <= COUNT:
         raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
     check_not_negative(seed=seed)
-    load_mujoco()
+    required("simulation", "sim", "mujoco")
     found: dict[str, Simulation] = {}
     for number in range(seed * COUNT, seed * COUNT + count):
         for name, shape in shapes.items():

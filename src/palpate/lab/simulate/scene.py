@@ -38,8 +38,6 @@ class WorldSettings:
     """Normal force per indentation of a round gel [N/m]."""
     gel_drift: tuple[float, float] = (0.0, 0.0)
     """Relative growth of friction and stiffness of the gel [1/s], for WARM_UP."""
-    time_step: float = 0.002
-    """Longest time step of the simulation [s]; a frame is divided evenly."""
 
 
 def draw_settings(shape: Shape, rng: np.random.Generator) -> WorldSettings:
@@ -89,12 +87,11 @@ def build_model(
 
     Joints in order: x, y and yaw of the gel's centre of curvature, the gel's vertical slide, the object's free joint.
     """
-    mujoco = load_mujoco()
+    mujoco = required("simulation", "sim", "mujoco")
     if not 0.001 <= sensor.radius <= 0.1:
         found = f"sensor {sensor.name!r} has radius {sensor.radius} m"
         raise SettingError(f"{found}; simulation needs 0.001 to 0.1 m")
     spec = mujoco.MjSpec()
-    spec.option.timestep = settings.time_step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -121,11 +118,6 @@ def gel_spheres(sensor: SensorProfile) -> tuple[Array, Array]:
     radii = np.clip(to_edge**2 / sensor.radius, sensor.radius, max(0.01, sensor.radius))
     centers = (sensor.centers - sensor.center)[:, None] + np.column_stack((sensor.radius - radii, row))
     return centers.reshape(-1, 2), np.tile(radii, len(sensor.tips))
-
-
-def load_mujoco() -> Any:
-    """Return the module mujoco; raises SettingError if it is not installed."""
-    return required("simulation", "sim", "mujoco")
 
 
 def convex_parts(shape: Shape) -> list[Array]:

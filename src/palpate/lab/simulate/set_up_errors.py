@@ -126,14 +126,11 @@ def draw_wear(rng: np.random.Generator) -> tuple[Array, tuple[Mark, ...]]:
     return light / WARM_UP, tuple(marks)
 
 
-def worn(unit: SensorUnit, errors: SetUpErrors | None, time: Array) -> Iterator[SensorUnit]:
-    """Yield the unit at each of these times (N,) [s], from 0; without errors it stays the same.
+def worn(unit: SensorUnit, errors: SetUpErrors, time: Array) -> Iterator[SensorUnit]:
+    """Yield the unit at each of these times (N,) [s], from 0.
 
     The image without contact changes as the lights that reach each pixel do.
     """
-    if errors is None:
-        yield from (unit for _ in time)
-        return
     lit = np.maximum(np.tensordot(unit.illumination, unit.colour, axes=(0, 0)), 1e-6)
     marks = [(mark.when * float(time[-1]), mark.image(lit.shape[:2])) for mark in errors.marks]
     now, last = unit, -1

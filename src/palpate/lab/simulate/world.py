@@ -10,8 +10,9 @@ from palpate.arrays import Array, Flags
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
+from palpate.lab import required
 from palpate.lab.simulate.paths import minimum_jerk, unit_vector
-from palpate.lab.simulate.scene import WARM_UP, WorldSettings, build_model, load_mujoco, set_gel
+from palpate.lab.simulate.scene import WARM_UP, WorldSettings, build_model, set_gel
 from palpate.types.sensor import SensorProfile
 
 
@@ -42,8 +43,7 @@ class Motion:
 
 def concatenated(motions: list[Motion]) -> Motion:
     """Return motions, one after the other, as one."""
-    names = [field.name for field in fields(Motion)]
-    joined = {name: np.concatenate([getattr(motion, name) for motion in motions]) for name in names}
+    joined = {each.name: np.concatenate([getattr(motion, each.name) for motion in motions]) for each in fields(Motion)}
     joined["sensor_pose"][:, 2] = se2.wrap(joined["sensor_pose"][:, 2])
     return Motion(**joined)
 
@@ -80,9 +80,9 @@ class World:
         sensor_pose: ArrayLike,
     ) -> None:
         """Place object and sensor, (3,) [m, m, rad] each in the world, and let the object settle on its feet."""
-        self._mujoco = load_mujoco()
+        self._mujoco = required("simulation", "sim", "mujoco")
         self._model, self._data = build_model(settings, shape, sensor, object_pose)
-        self._steps = int(np.ceil(1.0 / sensor.rate / settings.time_step - 1e-9))
+        self._steps = int(np.ceil(1.0 / sensor.rate / 0.002 - 1e-9))  # of 2 ms at most
         self._model.opt.timestep = 1.0 / sensor.rate / self._steps
         names = [self._model.geom(i).name for i in range(self._model.ngeom)]
         self._is_gel = np.array([name.startswith("gel") for name in names])

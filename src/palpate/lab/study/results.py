@@ -6,7 +6,7 @@
     settings    see `study.described`
     study       palpate, folder, recordings, trials, kept, skipped, failed, wall_s, workers, cores
     table       {group: {method: row}}, the groups by name and then "all groups"; see `table`
-    recordings  {recording: {group, shape, source, frames, seconds, images, truth}}
+    recordings  {recording: {group, shape, source}}
     skipped     [{recording, method, reason}]: methods that do not apply to a recording
     failed      [{recording, method, error}]: trials that ended in an error
 """
@@ -36,7 +36,8 @@ FINALS = {"final_mm": "final_translation_error_mm", "final_deg": "final_rotation
 
 def results_of(study: Study, settings: StudySettings, folder: Path, workers: int, command: str) -> dict[str, Any]:
     """Return the content of `results.json`."""
-    recordings = {trial.recording: trial.facts for trial in study.trials}
+    about = ("group", "shape", "source")
+    recordings = {trial.recording: {name: getattr(trial, name) for name in about} for trial in study.trials}
     return {
         "command": command,
         "settings": described(settings),

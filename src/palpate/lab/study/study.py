@@ -31,9 +31,8 @@ from palpate.pipeline.track import Run, track
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker import warm_up
-from palpate.types.recording import Recording
 
-FORMAT = {"format": "palpate-study", "version": 3}
+FORMAT = {"format": "palpate-study", "version": 4}
 
 
 @dataclass(frozen=True)
@@ -61,8 +60,12 @@ class Trial:
     method: str
     file: list[int]
     """Size [bytes] and time of the last change [ns] of the recording's file."""
-    facts: dict[str, Any]
-    """Group, shape, source, frames, seconds, images and truth of the recording."""
+    group: str
+    """Kind of recording, such as "rectangle-edges"."""
+    shape: dict[str, Any]
+    """Its outline, as `shape_to_dict` gives it."""
+    source: str
+    """Origin of the recording."""
     summary: dict[str, Any]
     """Scores; see `metrics.summarise`."""
     time: Array
@@ -77,11 +80,6 @@ class Trial:
     """(N,)"""
     step_ms: Array
     """Duration of each `Tracker.update` (N,) [ms]."""
-
-    @property
-    def group(self) -> str:
-        """Kind of recording, such as "rectangle-edges"."""
-        return self.facts["group"]
 
 
 @dataclass
@@ -108,8 +106,8 @@ class _Failure:
     """The method does not apply to the recording."""
 
 
-Job = tuple[str, Path, str]
-"""Name of a recording, its file, and a method."""
+Key = tuple[str, str]
+"""Name of a recording, and a method."""
 
 
 def track_file(path: Path, method: str, settings: StudySettings) -> Run:
@@ -144,23 +142,23 @@ def run_study(
     """
     begin = time.perf_counter()
     study = Study()
-    outcomes: dict[tuple[str, str], Trial | _Failure] = {}
+    outcomes: dict[Key, Trial | _Failure] = {}
     with held_folder(out):
         _check_folder(out, settings, resume)
-        jobs: list[Job] = []
+        jobs: list[tuple[Key, Path]] = []
         for (name, path), method in product(files.items(), settings.methods):
             if trial := _kept_trial(_trial_file(out, name, method), path):
                 outcomes[name, method] = trial
             else:
-                jobs.append((name, path.resolve(), method))
+                jobs.append(((name, method), path.resolve()))
         study.kept = len(outcomes)
         if jobs:
             warm_up()  # before there are workers, so that none has to
         with closing(spread(partial(_track, settings=settings, track_by=track_by), jobs, workers, dask)) as results:
-            for (name, _, method), outcome in results:
+            for key, outcome in results:
                 if isinstance(outcome, Trial):
-                    _write_trial(outcome, _trial_file(out, name, method))
-                outcomes[name, method] = outcome
+                    _write_trial(outcome, _trial_file(out, *key))
+                outcomes[key] = outcome
                 if progress:
                     progress(len(outcomes))
     for key in product(files, settings.methods):
@@ -214,23 +212,25 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
 
 
 def _track(
-    job: Job, settings: StudySettings, track_by: Callable[[Path, str, StudySettings], Run]
-) -> tuple[Job, Trial | _Failure]:
+    job: tuple[Key, Path], settings: StudySettings, track_by: Callable[[Path, str, StudySettings], Run]
+) -> tuple[Key, Trial | _Failure]:
     """Track a recording by a method; errors are returned and not raised."""
-    name, path, method = job
+    (name, method), path = job
     try:
         stat = path.stat()
         run = track_by(path, method, settings)
     except Exception as error:
         words = " ".join(str(error).split()).removeprefix(f"{path}: ")
         words = words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
-        return job, _Failure(words, isinstance(error, SettingError | ShapeError))
+        return (name, method), _Failure(words, isinstance(error, SettingError | ShapeError))
     online, truth = run.online, run.truth
     trial = Trial(
         recording=name,
         method=method,
         file=[stat.st_size, stat.st_mtime_ns],
-        facts=_facts(run.recording, group_of(name)),
+        group=group_of(name),
+        shape=shape_to_dict(run.recording.shape),
+        source=run.recording.source,
         summary=run.summary,
         time=online.time,
         truth=truth,
@@ -239,19 +239,7 @@ def _track(
         contact=online.contact,
         step_ms=run.step_ms,
     )
-    return job, trial
-
-
-def _facts(recording: Recording, group: str) -> dict[str, Any]:
-    return {
-        "group": group,
-        "shape": shape_to_dict(recording.shape),
-        "source": recording.source,
-        "frames": len(recording),
-        "seconds": float(recording.time[-1] - recording.time[0]),
-        "images": recording.image is not None,
-        "truth": recording.object_pose is not None and bool(np.isfinite(recording.object_pose).all(axis=1).any()),
-    }
+    return (name, method), trial
 
 
 def _trial_file(out: Path, name: str, method: str) -> Path:

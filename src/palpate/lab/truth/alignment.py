@@ -95,8 +95,6 @@ def with_truth(recording: Recording, tag: TagTrack, alignment: Alignment) -> Rec
 
 def _at_times(when: Array, time: Array, pose: Array, sigma: Array) -> tuple[Array, Array]:
     """Return poses and sigmas (M, 3) at times (M,), from (N, 3) at times (N,); NaN in gaps above 0.1 s and outside."""
-    if len(time) < 2:
-        return np.full((len(when), 3), np.nan), np.full((len(when), 3), np.nan)
     after = np.clip(np.searchsorted(time, when), 1, len(time) - 1)
     known = ((when >= time[0]) & (when <= time[-1]) & (time[after] - time[after - 1] <= 0.1))[:, None]
     spread = np.column_stack([np.interp(when, time, values) for values in sigma.T])
