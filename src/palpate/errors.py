@@ -45,4 +45,4 @@ def printable(text: str) -> str:
 
 def one_line(error: BaseException) -> str:
     """Return the message of an error of a library as one short line."""
-    return " ".join(str(error).split())[:200]
+    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -26,6 +26,8 @@ def existing_file(path: Path | str) -> Path:
             raise FileError(f"{path}: is a folder, expected a file")
         if not path.exists():
             raise FileError(f"{path}: no such file")
+        if not path.is_file():
+            raise FileError(f"{path}: is a pipe or a device, expected a file")
         if path.stat().st_size == 0:
             raise FileError(f"{path}: is empty")
         with path.open("rb") as file:
@@ -120,14 +122,18 @@ def table_rows(text: str, path: Path | str, sample: str = "") -> list[tuple[int,
     Semicolons, tabs, commas or blanks are between columns, as the text or a sample of it shows; numbers may have
     decimal commas, between commas only in quotes.
     """
+    lines = [line.strip(" ") for line in text.splitlines(keepends=True)]
     separator = next((mark for mark in ";\t," if mark in (sample or text)), " ")
-    lines = (line.strip(" ") for line in text.splitlines(keepends=True))
+    if separator == "," and not sample and all(re.fullmatch(r"[^,]*|\S*\d(\s+\S*\d)+\s*", line) for line in lines):
+        separator = " "  # the commas are decimal
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
         rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
     except csv.Error as error:
         raise FileError(f"{path}: is no table ({error})") from error
-    return [(line, [re.sub(r"^([-+]?\d*),(\d+)$", r"\1.\2", cell) for cell in row]) for line, row in rows]
+    return [
+        (line, [re.sub(r"^([-+]?\d*),(\d+([eE][-+]?\d+)?)$", r"\1.\2", cell) for cell in row]) for line, row in rows
+    ]
 
 
 def column_name(written: str) -> str:

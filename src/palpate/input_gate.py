@@ -46,7 +46,7 @@ class InputGate:
     @property
     def needs_clearance(self) -> bool:
         """True if `check` needs the clearance, as images that may show a touch are to be taken as untouched."""
-        return self._may_show_touch or self._detector.sees_new_view
+        return self._may_show_touch or self._detector.new_view is not None
 
     def reset(self) -> None:
         """Start again at any time; the untouched gel stays known unless its images may show a touch."""
@@ -121,15 +121,15 @@ class InputGate:
         return self._may_show_touch and distance < -max(deviation, _INSIDE)
 
     def _learns_anew(self, clearance: tuple[float, float] | None) -> bool:
-        """Take a new steady view as the untouched gel, from this image on, unless something may touch."""
-        if clearance is None or not self._detector.sees_new_view:
+        """Take a new steady view as the untouched gel, unless something may touch."""
+        if clearance is None or self._detector.new_view is None:
             return False
         distance, deviation = clearance
         if self._has_touched and distance < _NEAR * deviation + _INSIDE:
             return False
         logger.warning("the untouched gel is learnt anew, from images that are steady and unlike it")
-        self._detector.forget()
-        self._may_show_touch = True
+        self._detector.take(self._detector.new_view)
+        self._may_show_touch = distance < _NEAR * deviation
         return True
 
     def accept(self, frame: Frame) -> None:

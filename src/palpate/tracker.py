@@ -195,7 +195,9 @@ class Tracker:
         return replace(frame, sensor_pose=then), path
 
     def _check_first_pose(self, frame: Frame) -> None:
-        """Warn of a first pose far from the sensor at the first frame."""
+        """Warn of a first pose far from the sensor at the first frame, and of a sensor pose in degrees."""
+        if abs(frame.sensor_pose[2]) > TURNS:
+            logger.warning("sensor pose has theta %.4g rad: are these degrees?", frame.sensor_pose[2])
         pose, covariance = self._first
         apart = float(np.hypot(*(frame.sensor_pose - pose)[:2]))
         if apart > SPAN + 3.0 * float(np.sqrt(np.diagonal(covariance)[:2].max())):

@@ -81,8 +81,8 @@ def test_black_images_and_moving_touches_are_not_taken_as_untouched():
         camera(image)
     assert camera.tracker.background is None
     for _ in range(FIRST):
-        camera(grey())
-    assert (camera.background.mean == 100.0).all()
+        camera(marked(9))
+    assert (camera.background.mean == marked(9)).all()
 
 
 def test_one_percent_of_the_cells_begin_a_touch_and_half_of_that_ends_it():
@@ -298,12 +298,25 @@ def refused(camera: Camera, images: Any) -> list[bool]:
     return found
 
 
-@pytest.mark.parametrize("first", [grey(255.0), np.repeat(gel(np.random.default_rng(1))[..., :1], 3, axis=2)])
-def test_a_camera_that_is_white_or_grey_for_long_is_learnt_anew_in_colours(first):
+@pytest.mark.parametrize(
+    ("first", "lost"),
+    [(grey(255.0), 0), (grey(8.0), 0), (np.repeat(gel(np.random.default_rng(1))[..., :1], 3, axis=2), FIRST)],
+)
+def test_a_camera_that_is_white_dim_or_grey_for_long_is_learnt_in_colours_in_half_a_second(first, lost):
     rng, camera = np.random.default_rng(0), Camera(apart=0.1)
     assert not any(refused(camera, [first] * 20))
-    found = refused(camera, [gel(rng) for _ in range(40)])
-    assert all(found[:FIRST]) and not any(found[FIRST + 1 :]) and not camera(gel(rng))
+    found = refused(camera, [gel(rng) for _ in range(FIRST + 1)])
+    assert found == [True] * lost + [False] * (FIRST + 1 - lost)
+    touched = gel(rng)
+    touched[20:35, 20:40] += 40
+    assert camera(touched) and not camera(gel(rng))
+
+
+def test_light_that_never_is_steady_is_told():
+    rng, camera = np.random.default_rng(0), Camera(apart=0.1)
+    for count in range(5 * FIRST):
+        camera(np.roll(gel(rng), 20 * (count % 3), axis=0))
+    assert "not known untouched" in camera.reason
 
 
 def test_a_steady_view_unlike_the_first_one_is_learnt_anew_away_from_the_object_alone():

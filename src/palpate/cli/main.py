@@ -60,6 +60,7 @@ def main(args: Sequence[str] | None = None) -> int:
     # A step's arrays are too small to be shared between threads, and what imports make is no garbage.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+    os.environ["MPLBACKEND"] = "agg"  # figures go to files, and that of a notebook is not installed everywhere
     gc.set_threshold(100_000, 20, 20)
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
     if words[:1] in ([], ["help"]):

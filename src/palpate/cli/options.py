@@ -164,11 +164,11 @@ class Bag:
         from palpate.types.sensor import known_sensor
         from palpate.types.space import flat
 
-        if self.shape is None:
-            if self != Bag(orientation=self.orientation):
-                raise SettingError("--sensor, --images and the other options for bags need --shape, too")
+        if self.shape is None and self != Bag(orientation=self.orientation):
+            raise SettingError("--sensor, --images and the other options for bags need --shape, too")
+        if self.shape is None or (kind := detect_format(file)) is None:  # which says what is wrong with the file
             return palpate.BagReading(palpate.load_recording(file, self.orientation), flat())
-        if detect_format(file) != "bag":
+        if kind != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
         choices = palpate.BagChoices(**{each.name: getattr(self, each.name) for each in fields(palpate.BagChoices)})
         shape, sensor = palpate.load_shape(self.shape, self.shape_unit), known_sensor(self.sensor)

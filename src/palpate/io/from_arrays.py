@@ -27,7 +27,9 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
 
     Raises FileError where they are none, are rounded, or seem to be in another unit: steps are below `least` [s].
     """
-    given = checked_array(name, time, NUMBERS, ("N",))
+    given = as_array(name, time)
+    given = given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64) if given.dtype.kind in "mM" else given
+    given = checked_array(name, given, NUMBERS, ("N",))
     if not len(given):
         raise FileError(f"{name}: found no times, expected one or more")
     is_whole = given.dtype.kind in "iu"
@@ -35,16 +37,19 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     exact = given.astype(np.int64 if is_whole else np.float64)
     steps, latest = np.abs(np.diff(exact)), float(np.abs(given).max())
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    is_late = not is_whole and latest > 4e9  # after the year 2096
+    is_late = latest > (2.0**62 if is_whole else 4e9)  # after the year 2096
     if is_late or (step and not least <= step * (1e-9 if is_whole else 1.0) <= 10.0):
         kind = "integers, which are nanoseconds" if is_whole else "floats, which are seconds"
         question = " ".join(filter(None, (other_time_unit(step, rate) for rate in (30.0, 500.0))))
         raise FileError(f"{name}: found {kind}, in the median {step:g} from one to the next; {question}")
-    resolution = 0.0 if is_whole else float(np.spacing(given.dtype.type(latest)))
+    kind = given.dtype.type  # that of floats that went through float32 is float32
+    if kind is np.float64 and (given.astype(np.float32) == given).all():
+        kind = np.float32
+    resolution = 0.0 if is_whole else float(np.spacing(kind(latest)))
     if resolution > max(0.1 * step, 1e-4):
         raise FileError(
-            f"{name}: found times up to {latest:.10g} s in {given.dtype}, which is exact to {resolution:.3g} s there; "
-            "give float64, or integers of nanoseconds"
+            f"{name}: found times up to {latest:.10g} s as {kind.__name__} has them, exact to {resolution:.3g} s; "
+            "give float64 from the start, or integers of nanoseconds"
         )
     if (steps == 0).sum() > 0.5 * len(steps):
         raise FileError(
@@ -67,16 +72,17 @@ def encoded_images(
     view, data, damage, seen = camera_view(orientation), list[bytes](), list[str](), list[Image]()
     for index in indices:
         image = images[index]
-        if isinstance(image, str | Path):
-            image = existing_file(image).read_bytes()
-        if not isinstance(image, bytes | FileError):
+        if not isinstance(image, str | Path | bytes | FileError):
             with in_file(f"{name}: image {index}"):
-                pixels = fitted(checked_pixels(as_array("pixels", image)), size, view)
-            data.append(encode_image(pixels, codec))
-            continue
+                pixels = as_array("pixels", image)
+                if pixels.ndim > 1 or pixels.dtype != np.uint8:
+                    data.append(encode_image(fitted(checked_pixels(pixels), size, view), codec))
+                    continue
+            image = pixels.tobytes()  # encoded, as OpenCV and messages have it
         try:
             if isinstance(image, FileError):
                 raise image
+            image = image if isinstance(image, bytes) else existing_file(image).read_bytes()
             data.append(turned_image(image, size, view))
         except FileError as error:
             damage.append(f"image {index}: {error}")
@@ -88,6 +94,8 @@ def encoded_images(
             damage.append(f"image {indices[index]}: {error}")
     if not seen:
         raise FileError(f"{name}: {damage[0]}")
+    if lost := data.count(b""):
+        logger.warning("%s: %d of %d images are left out: %s", name, lost, len(data), damage[0])
     warn_if_squeezed(seen, name)
     return tuple(data)
 

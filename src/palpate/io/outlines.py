@@ -6,7 +6,7 @@ The libraries svgelements and ezdxf read the drawings, shapely finds the one clo
 import io
 import logging
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -27,6 +27,7 @@ TOLERANCE = 2e-5
 """[m] Largest deviation of an outline from a drawn curve, or from the many corners of a table."""
 INCH = 0.0254
 """[m]"""
+_HIDDEN = ("hidden", "collapse")
 PIXELS = 96.0
 """Pixels of an inch, as CSS has it."""
 SVG_UNITS = {"mm": 1e-3, "cm": 1e-2, "in": INCH, "pt": INCH / 72, "pc": INCH / 6, "q": 2.5e-4}
@@ -44,7 +45,7 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
 
     Raises SettingError for a name that is not known, FileError for a file without an outline or in another unit.
     """
-    name, path = str(source), Path(source)
+    name, path = str(source), Path(str(source))
     if unit not in (None, *get_args(Unit)):
         raise SettingError(f"unit is {unit!r}; allowed are {', '.join(METRES)}")
     if (known := name.lower().replace("_", "-")) in SHAPES:
@@ -79,17 +80,17 @@ def _read_table(path: Path, scale: float | None) -> Shape:
     if rows and all(numbers_of([word]) is None for word in rows[0][1]):
         names = [column_name(word) for word in rows.pop(0)[1]]
         matches = [(re.fullmatch(r"([xy])(?:_(mm|cm|m|in))?", name), index) for index, name in enumerate(names)]
-        axes = {match[1]: (index, match[2]) for match, index in matches if match}
-        units = {METRES[named] if named else scale for _, named in axes.values()}
-        if len(axes) != 2 or len(units) != 1 or (scale and units != {scale}):
+        axes = sorted((match[1], index, match[2]) for match, index in matches if match)
+        units = {METRES[named] if named else scale for *_, named in axes}
+        if [axis for axis, *_ in axes] != ["x", "y"] or len(units) != 1 or (scale and units != {scale}):
             raise ShapeError(f"has the columns {', '.join(names)}; expected x and y, or x_mm and y_mm, in one unit")
-        rows = [(line, [row[index] for index, _ in (axes["x"], axes["y"]) if index < len(row)]) for line, row in rows]
+        rows = [(line, [row[index] for _, index, _ in axes if index < len(row)]) for line, row in rows]
         (scale,) = units
     if not rows:
         raise ShapeError("is no table of numbers x y: it holds none")
     for number, words in rows:
         if len(words) != 2 or numbers_of(words) is None:
-            raise ShapeError(f"is no table of numbers x y: line {number} is {' '.join(words).strip()!r}")
+            raise ShapeError(f"is no table of numbers x y: line {number} is {','.join(words)!r}")
     points = np.array([words for _, words in rows], np.float64) * (scale or 1.0)
     return _of_few_corners(path, Polygon(points))
 
@@ -104,41 +105,49 @@ def _read_json(path: Path, scale: float | None) -> Shape:
 def _read_svg(path: Path, scale: float | None) -> Polygon:
     """Return the outline of an SVG about its centroid, y up; `scale` [m] is one unit of the drawing.
 
-    Without it the size is that of the page, if width and height have a unit.
+    Without it the size is that of the page, if width and height have a unit. A warning tells of parts that are clipped.
     """
     _check_drawing(path, "svgelements")
     import svgelements
 
     try:
         data = re.sub(rb"(?s)<(mask|marker)\b[^>]*?(/>|>.*?</\1>)", b"", path.read_bytes())  # are not drawn themselves
+        has_scaled = re.search(rb"<symbol\b[^>]*\bviewBox", data) is not None
         data = data.replace(b"<symbol", b"<defs><g").replace(b"</symbol>", b"</g></defs>")  # drawn where they are used
         page = svgelements.SVG.parse(io.BytesIO(data), ppi=PIXELS)
         drawn: Any = [each for each in page.elements() if isinstance(each, svgelements.Shape)]
-        shapes = [svgelements.Path(each) for each in drawn if _is_seen(each.values)]
+        drawn = [each for each in drawn if _is_seen(each)]
+        if has_scaled or any(each.values.get("clip-path") or each.values.get("mask") for each in drawn):
+            logger.warning(
+                "%s: parts are clipped, masked or scaled symbols, and are taken as a whole and unscaled", path
+            )
+        shapes = [svgelements.Path(each) for each in drawn]
         for shape in shapes:
             shape.reify()
         lines = [_svg_points(svgelements.Path(part)) for shape in shapes for part in shape.as_subpaths()]
+        size = abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0
     except Exception as error:  # damaged bytes can raise anything in the library
         raise FileError(f"is no SVG that can be read ({one_line(error)})") from error
     if scale is None:
         scale = _svg_unit(page)
-    metres = scale / (abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0)
-    outline = _outline_of_lines(path, [line * (metres, -metres) for line in lines])
+    outline = _outline_of_lines(path, [line * (scale / size, -scale / size) for line in lines])
     return Polygon(outline.corners - outline.centroid)
 
 
-def _is_seen(values: Mapping[str, Any]) -> bool:
-    """Return true for the attributes of a part of an SVG that is neither hidden nor transparent."""
-    opacity = numbers_of([str(values.get("opacity", 1)).strip(" %")])
-    return opacity != [0.0] and values.get("visibility") not in ("hidden", "collapse")
+def _is_seen(part: Any) -> bool:
+    """Return true for a part of an SVG that is neither hidden nor transparent, and is filled or has a line."""
+    opacity = numbers_of([str(part.values.get("opacity", 1)).strip(" %")])
+    is_filled = part.fill.value is not None and part.fill.opacity
+    has_line = part.stroke.value is not None and part.stroke.opacity and part.stroke_width
+    return bool(is_filled or has_line) and opacity != [0.0] and part.values.get("visibility") not in _HIDDEN
 
 
 def _svg_unit(page: Any) -> float:
     """Return the size of a number in an SVG [m], by width or height of its page. Raises ShapeError if neither says."""
     sizes = []
     for side in ("width", "height"):
-        given = re.fullmatch(r"\s*(\d*\.?\d+)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
-        if given and given[2] in SVG_UNITS:
+        given = re.fullmatch(r"\s*([-+.\d]+(?:e[-+]?\d+)?)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
+        if given and given[2] in SVG_UNITS and numbers_of([given[1]]):
             inner = getattr(page.viewbox, side, None)  # without a viewBox numbers are pixels
             sizes.append(float(given[1]) * SVG_UNITS[given[2]] / inner if inner else INCH / PIXELS)
     if not sizes:
@@ -170,7 +179,10 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
         drawing = readfile(path)
         metres = scale or DXF_UNITS.get(drawing.units)
         if metres is None:
-            raise ShapeError("the drawing has no unit ($INSUNITS): give it, as unit='mm' (--shape-unit mm)")
+            raise ShapeError(
+                f"the drawing has no unit that is known ($INSUNITS is {drawing.units}): give it, as unit='mm' "
+                "(--shape-unit mm)"
+            )
         for entity in _seen_entities(drawing.modelspace(), drawing.layers):
             try:
                 drawn = make_path(entity)
@@ -186,17 +198,22 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
     return _outline_of_lines(path, lines)
 
 
-def _seen_entities(entities: Iterable[Any], layers: Any) -> Iterator[Any]:
-    """Yield what a CAD program shows: not on layers that are off or frozen, and what is in blocks in its place."""
+def _seen_entities(entities: Iterable[Any], layers: Any, outer: str = "0") -> Iterator[Any]:
+    """Yield what a CAD program shows: not on layers that are off or frozen, and what is in blocks in its place.
+
+    What lies on layer 0 in a block is on the block's layer, `outer`. A block on a layer that is off shows its others.
+    """
     for entity in entities:
-        layer = layers.get(entity.dxf.layer) if layers.has_entry(entity.dxf.layer) else None
-        if entity.dxf.get("invisible", 0) or (layer and (layer.is_off() or layer.is_frozen())):
+        name = outer if entity.dxf.layer == "0" else entity.dxf.layer
+        layer = layers.get(name) if layers.has_entry(name) else None
+        is_off = layer is not None and layer.is_off() and entity.dxftype() != "INSERT"
+        if entity.dxf.get("invisible", 0) or is_off or (layer and layer.is_frozen()):
             continue
         if entity.dxftype() == "INSERT":
             if entity.mcount > 1000:
                 raise ShapeError(f"inserts a block {entity.mcount} times; allowed is one outline")
             for block in entity.multi_insert():
-                yield from _seen_entities(block.virtual_entities(), layers)
+                yield from _seen_entities(block.virtual_entities(), layers, name)
         else:
             yield entity
 
@@ -231,7 +248,7 @@ def _outline_of_lines(path: Path, lines: Sequence[Array]) -> Polygon:
     ends = ends[[min(near) for near in KDTree(ends).query_ball_point(ends, 1e-5)]]
     joined = [np.vstack([a, line[1:-1], b]) for line, a, b in zip(lines, ends[::2], ends[1::2], strict=True)]
     drawn: Any = shapely.union_all([shapely.LineString(line) for line in joined], grid_size=1e-6)
-    parts = shapely.get_parts(drawn).tolist()
+    parts = [part for part in shapely.get_parts(drawn).tolist() if not part.is_empty]
     faces: Any = shapely.get_parts(shapely.polygonize(parts))
     if not len(faces):
         ends = np.array([shapely.get_coordinates(part)[[0, -1]] for part in parts]).reshape(-1, 2)

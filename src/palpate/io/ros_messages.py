@@ -25,20 +25,13 @@ TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 READ_TYPES = (*IMAGE_TYPES, *POSE_TYPES, *TRANSFORM_TYPES, BOOL)
 
 ENCODINGS = {
-    "rgb8": (3, ""),
-    "bgr8": (3, "BGR2RGB"),
-    "8UC3": (3, "BGR2RGB"),
+    **dict.fromkeys(("rgb8", "rgb"), (3, "")),
+    **dict.fromkeys(("bgr8", "bgr", "8UC3"), (3, "BGR2RGB")),
     "rgba8": (4, "RGBA2RGB"),
-    "bgra8": (4, "BGRA2RGB"),
-    "8UC4": (4, "BGRA2RGB"),
-    "yuv422": (2, "YUV2RGB_UYVY"),
-    "uyvy": (2, "YUV2RGB_UYVY"),
-    "yuv422_yuy2": (2, "YUV2RGB_YUYV"),
-    "yuyv": (2, "YUV2RGB_YUYV"),
-    "bayer_rggb8": (1, "BayerRGGB2RGB"),
-    "bayer_bggr8": (1, "BayerBGGR2RGB"),
-    "bayer_gbrg8": (1, "BayerGBRG2RGB"),
-    "bayer_grbg8": (1, "BayerGRBG2RGB"),
+    **dict.fromkeys(("bgra8", "8UC4"), (4, "BGRA2RGB")),
+    **dict.fromkeys(("yuv422", "uyvy", "uyvy422"), (2, "YUV2RGB_UYVY")),
+    **dict.fromkeys(("yuv422_yuy2", "yuyv", "yuyv422", "yuy2"), (2, "YUV2RGB_YUYV")),
+    **{f"bayer_{order}8": (1, f"Bayer{order.upper()}2RGB") for order in ("rggb", "bggr", "gbrg", "grbg")},
 }
 """Encodings of `Image` that are read: bytes of a pixel, and OpenCV's conversion. 8UC3 and 8UC4 do not name the order of
 colours; the driver of the DIGIT and OpenCV, which publish them, have blue first."""

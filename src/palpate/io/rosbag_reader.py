@@ -88,18 +88,19 @@ def _is_ros2(path: Path) -> bool:
 def existing_bag(path: Path | str) -> Path:
     """Return the path of a file with content or of the folder of a ROS 2 bag. Raises FileError.
 
-    `rosbags` sees neither the write-ahead log of a database (NAME.db3-wal) nor files that metadata.yaml does not list.
+    `rosbags` sees neither what a database has beside it, a log (NAME.db3-wal) or the journal of a write that was cut
+    off (NAME.db3-journal), nor files that metadata.yaml does not list.
     """
     path = Path(path)
     files = sorted([*path.glob("*.mcap*"), *path.glob("*.db3*")]) if path.is_dir() else [path]
     parts = [file for file in files if not file.name.endswith(("-wal", "-shm", "-journal"))]
     for part in parts:
-        log = part.with_name(f"{part.name}-wal")
-        if log.is_file() and log.stat().st_size:
-            raise FileError(
-                f"{part}: {log.name} beside it holds messages that are not in it yet, as its recorder runs or was "
-                f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA wal_checkpoint(TRUNCATE)'"
-            )
+        for log, first in ((f"{part}-wal", b""), (f"{part}-journal", b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7")):
+            if Path(log).is_file() and Path(log).stat().st_size and begins_with(Path(log), first):
+                raise FileError(
+                    f"{part}: {Path(log).name} beside it holds what is not in it yet, as its recorder runs or was "
+                    f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA journal_mode=DELETE'"
+                )
     metadata = path / "metadata.yaml"
     if not path.is_dir() or not (parts or metadata.is_file()):
         return existing_file(path)
@@ -121,11 +122,13 @@ def bag_messages(path: Path) -> Iterator[RawMessage]:
     Raises CutShort after the last whole message of an MCAP that ends too early, FileError where a bag cannot be read.
     """
     path = existing_bag(path)
-    if not is_bag(path):
+    if not is_bag(path):  # also a file of a bag that is compressed as a whole
         raise FileError(f"{path}: is no bag; known are MCAP, ROS 2 .db3 or its folder, and ROS 1 .bag")
     for raw in mcap_messages(path) if is_mcap(path) else _library_messages(path):
         if not 0 <= raw.log_time < 2**62:
             raise FileError(f"{path}: {raw.channel.topic}: a message was recorded at {raw.log_time} ns, past any clock")
+        if raw.data[:4] == b"\x28\xb5\x2f\xfd" and raw.channel.encoding == "cdr":
+            raise FileError(f"{path}: its messages are compressed by zstd, as its metadata.yaml says: give the folder")
         yield raw
 
 
@@ -174,9 +177,9 @@ class Stream:
 
     @property
     def offsets(self) -> Times:
-        """Header stamps less times of recording [ns]; none without headers."""
-        header = self.times["header"]
-        return np.array(header, np.int64) - np.array(self.times["log"], np.int64)[: len(header)]
+        """Header stamps less times of recording [ns]; none without headers, or where they are 0, which is no stamp."""
+        header = np.array(self.times["header"], np.int64)
+        return (header - np.array(self.times["log"], np.int64)[: len(header)])[header != 0]
 
     def about(self) -> dict[str, Any]:
         """Return the numbers that `palpate info` shows."""

@@ -79,3 +79,5 @@ def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
             is_open, first = False, frame + 1 - first_frames(wanted)
             if recording.time[first] - recording.time[0] > 0.3:  # [s]
                 yield ("light", 0, first, "first images are black or change; the untouched gel is learnt after them")
+    if is_open and steady.trouble:
+        yield ("light", 0, -1, steady.trouble)

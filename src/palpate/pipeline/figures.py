@@ -3,7 +3,7 @@
 import logging
 import textwrap
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,7 +55,9 @@ def own_style(**settings: Any) -> Iterator[None]:
 def drawing(what: str) -> Iterator[None]:
     """Draw what a run can do without: if that fails, a warning says so and nothing else is lost."""
     try:
-        with own_style():
+        with ExitStack() as stack:
+            with suppress(Exception):  # such as an environment that matplotlib refuses; drawing then fails alike
+                stack.enter_context(own_style())
             yield
     except Exception as error:  # of a library, by its fonts or the data
         logger.warning("%s is left out: %s: %s", what, type(error).__name__, one_line(error))

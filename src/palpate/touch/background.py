@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels
 from palpate.errors import SettingError
-from palpate.touch.cells import cells_of, change_in_light, compare, is_dark, is_grey
+from palpate.touch.cells import cells_of, change_in_light, compare, is_dark, is_flat, is_grey
 
 logger = logging.getLogger(__name__)
 
@@ -56,16 +56,24 @@ def first_frames(rate: float) -> int:
 
 
 class SteadyImages:
-    """Background of the first half second of images that are alike and not black."""
+    """Background of the first half second of images that are alike and show a gel: not black, nor of one level."""
 
     def __init__(self, rate: float) -> None:
         self._needed = first_frames(rate)
+        self._count = 0
         self.seen: list[Image] = []
         """Images so far; emptied, it starts again with the next image."""
 
+    @property
+    def trouble(self) -> str:
+        """Sentence on two seconds of images without a steady half second; "" if all is well."""
+        found = f"no half second of {self._count} images shows the gel steadily lit, so it is not known untouched"
+        return found if self._count > 4 * self._needed else ""
+
     def add(self, image: Image) -> Background | None:
         """Add an image (height, width, 3); return the background once there are enough, then start again."""
-        if is_dark(image):
+        self._count += 1
+        if is_dark(image) or is_flat(cells_of(image)):
             return None
         if self.seen and not _are_alike(image, self.seen[0]):
             self.seen = []  # something moves, or the light is still coming on
@@ -73,7 +81,7 @@ class SteadyImages:
         if len(self.seen) < self._needed:
             return None
         warn_if_squeezed(self.seen[:1])
-        found, self.seen = background_of(self.seen), []
+        found, self.seen, self._count = background_of(self.seen), [], 0
         return found
 
 

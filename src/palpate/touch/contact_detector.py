@@ -50,8 +50,9 @@ class ContactDetector:
         """The untouched gel as known now; None while the first images are collected."""
         self.share = 0.0
         """Share of the last image's values that differ significantly from the untouched gel, 0 to 1."""
-        self.sees_new_view = False
-        """True if the images refused last are steady for half a second, as of a camera that was set up late."""
+        self.new_view: Background | None = None
+        """The untouched gel if it is what the images refused last show steadily for half a second, as of a camera that
+        was set up late."""
         self._size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
         self._steady = SteadyImages(sensor.rate)
         self._view = calibration.view if calibration else AS_IT_IS
@@ -61,17 +62,15 @@ class ContactDetector:
         self._sparse: Image | None = None  # of the last image
         self._repeats, self._is_noisy = 0, False
         if calibration is not None:
-            gel = calibration.background
-            self._size = gel.mean.shape[:2]
+            self._size = calibration.background.mean.shape[:2]
+            self.take(calibration.background)
             self._doubted = "" if calibration.is_sure else str(calibration.file or "the calibration")
-            self._has_markers = has_markers(gel.mean)
-            self._use(replace(gel, mean=without_markers(gel.mean)) if self._has_markers else gel)
 
     @property
     def doubt(self) -> str:
         """Reason to doubt the background; empty once an image looked like it."""
         if not self._doubted:
-            return ""
+            return self._steady.trouble if self.background is None else ""
         return (
             f"no image so far looks like the untouched gel of {self._doubted}: unless something touches since the "
             "first one, that was another unit or a touched gel, or the gel has changed"
@@ -91,7 +90,7 @@ class ContactDetector:
     def update(self, image: Image) -> bool:
         """Return true if the gel is touched in an image (height, width, 3) from `read`.
 
-        Raises SettingError, and changes nothing but `sees_new_view`, on an image of another size or type, in another
+        Raises SettingError, and changes nothing but `new_view`, on an image of another size or type, in another
         view, grey if the untouched gel has colours, without any gel (black, noise, another light), or repeated by a
         camera that hangs.
         """
@@ -119,8 +118,14 @@ class ContactDetector:
 
     def forget(self) -> None:
         """Take the next images as untouched: a supposed touch is a gel or a light that has changed."""
-        self.background, self._touched, self._doubted, self.sees_new_view = None, False, "", False
+        self.background, self._touched, self._doubted, self.new_view = None, False, "", None
         self._steady.seen.clear()
+
+    def take(self, gel: Background) -> None:
+        """Take this as the untouched gel."""
+        self.forget()
+        self._has_markers = self._has_markers or has_markers(gel.mean)
+        self._use(replace(gel, mean=without_markers(gel.mean)) if self._has_markers else gel)
 
     def _use(self, background: Background) -> None:
         self.background = background
@@ -146,9 +151,9 @@ class ContactDetector:
         shows_gel = share <= (_NO_GEL_IN_DOUBT if self._doubted else _NO_GEL)
         if shows_gel:
             self._steady.seen.clear()
-            self.sees_new_view = False
+            self.new_view = None
         elif self._is_view_checked and not self._doubted and not is_flat(cells):
-            self.sees_new_view = self._steady.add(image) is not None or self.sees_new_view
+            self.new_view = self._steady.add(image) or self.new_view
         if shows_gel and self._is_view_checked:
             return
         if _colour(self._cells) > 4.0 and is_grey(image) and not is_flat(cells):

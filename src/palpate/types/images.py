@@ -54,9 +54,9 @@ AS_IT_IS = CameraView()
 def camera_view(orientation: str) -> CameraView:
     """Return the view that words as in "90,mirrored,bgr" describe. Raises SettingError."""
     view = AS_IT_IS
-    for word in filter(None, orientation.lower().replace(",", " ").split()):
+    for word in str(orientation).lower().replace(",", " ").split():
         if word in ("0", "90", "180", "270"):
-            view = replace(view, quarter_turns=int(word) // 90)
+            view = replace(view, quarter_turns=(view.quarter_turns + int(word) // 90) % 4)
         elif word == "mirrored":
             view = replace(view, mirrored=True)
         elif sorted(word) == sorted("rgb"):
@@ -101,7 +101,10 @@ def decode_image(data: bytes, size: tuple[int, int] | None = None, view: CameraV
     from PIL import Image
 
     try:
-        pixels = np.array(Image.open(io.BytesIO(data), formats=("PNG", "JPEG")).convert("RGB"))
+        image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
+        if image.mode.startswith(("I", "F")):  # which Pillow would cut off at 255
+            raise FileError("is grey in 16 bits, expected 8 bits and colours")
+        pixels = np.array(image.convert("RGB"))
     except Image.DecompressionBombError as error:
         raise FileError(f"is an image that is far too large ({error})") from error
     except (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error) as error:
@@ -126,7 +129,9 @@ def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> 
     if found.shape[:2] == size:
         return found
     question = "crop and scale them to it"
-    if found.shape[:2] == size[::-1]:
+    if found.shape[:2] == size[::-1] and view.quarter_turns % 2:
+        question = f"they lie upright before they are turned by {90 * view.quarter_turns} degrees"
+    elif found.shape[:2] == size[::-1]:
         question = (
             "they lie on their side: orientation='90' (--orientation 90) turns them as digit-interface does, 270 the "
             "other way, and scales multiples"
