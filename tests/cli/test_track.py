@@ -155,6 +155,11 @@ def test_a_run_that_fails_leaves_what_it_had(run_palpate, succeeds, monkeypatch,
         succeeds("view", "runs/push", "--save", "page.html")
 
 
+def test_a_matplotlib_that_fails_does_not_lose_the_run(run_palpate, monkeypatch):
+    monkeypatch.setattr("matplotlib.rcdefaults", lambda: 1 / 0)
+    assert run_palpate("track", "push.mcap")[0] == 0 and Path("runs/push/summary.json").exists()
+
+
 def test_times_below_zero_become_messages(succeeds):
     palpate.write_recording(replace(pushed(), time=pushed().time - 1e5), "before.mcap")
     succeeds("track", "before.mcap", "--mcap")
@@ -213,6 +218,8 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
         (["push.mcap", "--tactile", "none", "--model", "m"], "--model m is not used with --tactile none"),
         (["push.mcap", "--time-offset", "-0.1"], "options for bags need --shape, too"),
         (["push.mcap", "--shape", "disc"], "push.mcap is no bag"),
+        ([__file__, "--shape", "disc"], "is in no known format"),
+        (["/dev/zero"], "/dev/zero: is a pipe or a device, expected a file"),
     ],
 )
 def test_bad_input_is_one_line(fails, options, message):

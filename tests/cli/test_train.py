@@ -96,7 +96,7 @@ def test_images_of_a_folder_are_turned(command, recordings, tmp_path, run_palpat
     (tmp_path / "in").mkdir()
     shutil.copy(recordings / "push-0.mcap", tmp_path / "in")
     code, _, err = run_palpate(command, tmp_path / "in", "--out", tmp_path / "out.json", "--orientation", "90")
-    assert code and "they lie on their side" in err  # those of the samples are upright
+    assert code and "they lie upright before they are turned" in err
 
 
 def test_a_model_of_directions_from_grey_presses(tmp_path, run_palpate, fails):

@@ -156,13 +156,13 @@ def test_what_is_no_bag(tmp_path):
         read_bag(tmp_path / "a.bag", Disc(0.05))
 
 
-@pytest.mark.parametrize(("suffix", "first"), [("wal", "messages"), ("journal", "d9d505f920a163d7")])
+@pytest.mark.parametrize(("suffix", "first"), [("wal", b"1"), ("journal", bytes.fromhex("d9d505f920a163d7"))])
 def test_what_a_database_has_beside_it_is_named(tmp_path, suffix, first):
     folder = write_bag(tmp_path / "bag", "ros2", push_messages())
     (database,) = folder.glob("*.db3")
     database.with_name(f"{database.name}-journal").write_bytes(bytes(8))  # of a write that was completed
     assert len(read_bag(folder, Disc(0.05)).recording) == 24
-    database.with_name(f"{database.name}-{suffix}").write_bytes(bytes.fromhex(first) if suffix == "journal" else b"1")
+    database.with_name(f"{database.name}-{suffix}").write_bytes(first)
     for path in (folder, database):
         with pytest.raises(FileError, match=rf"bag\.db3: bag\.db3-{suffix} beside it holds .* journal_mode"):
             read_bag(path, Disc(0.05))

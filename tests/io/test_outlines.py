@@ -36,7 +36,13 @@ def test_names_and_lengths():
 
 
 @pytest.mark.parametrize(
-    "text", ["0 0\n90 0\n90 60\n0 60\n", "x,y\n0,0\n90,0\n90,60\n0,60\n", "# mm\n0;0\n90;0\n90;60\n0;60"]
+    "text",
+    [
+        "0 0\n90 0\n90 60\n0 60\n",
+        "x,y\n0,0\n90,0\n90,60\n0,60\n",
+        "# mm\n0;0\n90;0\n90;60\n0;60",
+        "0,0 0\n9,0e1 0\n90 60,0\n0 60",
+    ],
 )
 def test_tables(text):
     Path("box.csv").write_text(text)
@@ -125,6 +131,8 @@ def test_dxf():
 def test_a_drawing_is_read_as_it_is_seen():
     def draw(space, gap=0.0):
         document = space.doc
+        document.layers.get("0").off()
+        document.layers.add("parts")
         for name in ("off", "frozen"):
             layer = document.layers.add(name)
             (layer.off if name == "off" else layer.freeze)()
@@ -133,8 +141,9 @@ def test_a_drawing_is_read_as_it_is_seen():
         for start, end in zip(ELL, np.roll(ELL, -1, axis=0), strict=True):
             block.add_line(start, end + np.array([gap, 0.0]))
         for _ in range(2):  # drawn twice
-            space.add_blockref("PART", (5, 5), dxfattribs={"rotation": 90})
-        space.add_line((-20, 20), (120, 20))  # a centre line
+            space.add_blockref("PART", (5, 5), dxfattribs={"rotation": 90, "layer": "parts"})
+        space.add_line((-20, 20), (120, 20), dxfattribs={"layer": "parts"})  # a centre line
+        space.add_circle((300, 20), 5)
 
     wanted = 5e-3 + ELL @ np.array([[0.0, 1.0], [-1.0, 0.0]]) * 1e-3
     for gap in (0.0, 1e-4, 5e-3):
@@ -199,6 +208,7 @@ def test_of_many_corners_those_that_a_curve_needs_are_kept(tmp_path):
         ("x y\n", "is no table of numbers x y: it holds none"),
         ("x_mm,y_cm\n0,0\n", "has the columns x_mm, y_cm; expected x and y, or x_mm and y_mm, in one unit"),
         ("u,v\n0,0\n", "has the columns u, v; expected x and y"),
+        ("x,y,x,y\n0,0,0,0\n", "has the columns x, y, x, y; expected x and y"),
         ("0 0\n.1 .1\n.1 0\n0 .1\n", "crosses or touches itself"),
     ],
 )
@@ -232,6 +242,8 @@ def test_what_is_no_outline_is_said():
     ):
         with pytest.raises(FileError, match=words):
             load_shape(svg(content, page))
+    with pytest.raises(FileError, match="lines enclose no area"):
+        load_shape(drawing(4, lambda space: space.add_circle((0, 0), 1e-4)))
     Path("bad.dxf").write_text("no drawing")
     with pytest.raises(FileError, match=r"bad.dxf: is no DXF that can be read"):
         load_shape("bad.dxf")

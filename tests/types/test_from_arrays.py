@@ -107,8 +107,8 @@ def test_tensors_with_a_gradient_are_arrays():
 @pytest.mark.parametrize("scale", [1e9, 1])
 def test_times_in_nanoseconds_are_integers(scale):
     start = 1_700_000_000_000_000_000 if scale == 1e9 else 1.7e9
-    kind = np.int64 if scale == 1e9 else np.float64
-    times = [start + (seconds * scale).astype(kind) for seconds in (IMAGE_TIME, POSE_TIME)]
+    kinds = ("i8", "M8[ns]") if scale == 1e9 else ("f8", "f8")
+    times = [(start + each * scale).astype(kind) for each, kind in zip((IMAGE_TIME, POSE_TIME), kinds, strict=True)]
     same(made(image_time=times[0], pose_time=times[1]).sensor_pose, true_pose(IMAGE_TIME), within=1e-6)
 
 
@@ -141,16 +141,20 @@ def test_images_that_are_stamped_late(caplog):
     assert (recording[0].image == tiny_images(20)[1]).all()
 
 
-def test_images_come_in_any_form(tmp_path):
+def test_images_come_in_any_form(tmp_path, caplog):
     pixels = tiny_images(20)
     data = [encoded(image) for image in pixels]
     files = [tmp_path / f"{index}.png" for index in range(20)]
     for file, each in zip(files, data, strict=True):
         file.write_bytes(each)
-    for images in (pixels, list(pixels), data, files, list(map(str, files))):
+    messages = [np.frombuffer(each, np.uint8) for each in data]
+    for images in (pixels, list(pixels), data, messages, files, list(map(str, files))):
         found = [frame.image for frame in made(images=images)]
         assert np.array_equal(found, pixels)
-    assert made(images=pixels, codec="jpeg").image[0].startswith(b"\xff\xd8")
+    assert made(images=pixels, codec="jpeg").image[0].startswith(b"\xff\xd8") and not caplog.text
+    files[3].write_bytes(b"")
+    assert [not each for each in made(images=files).image] == [index == 3 for index in range(20)]
+    assert "1 of 20 images are left out: image 3: " in caplog.text
     big = np.repeat(np.repeat(pixels, 3, axis=1), 3, axis=2)
     for images in (big, [encoded(image) for image in big], np.rot90(big, -1, (1, 2))):
         found = made(images=images, orientation="" if images is big or isinstance(images, list) else "90")
@@ -222,6 +226,10 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"images": tiny_images(19)}, "images: found 19 images for 20 times"),
         ({"images": tiny_images(20) / 255}, r"image 0: is float64 .* uint8 \(height, width, 3\)"),
         ({"images": ["gone.png"] * 20}, "gone.png: no such file"),
+        (
+            {"images": [cv2.imencode(".png", np.full((12, 8), 999, np.uint16))[1].tobytes()] * 20},
+            "image 0: is grey in 16 bits",
+        ),
         ({"images": [b"GIF89a"] * 20}, "images: image 0: its 6 bytes do not decode as JPEG or PNG"),
         ({"codec": "gif"}, "codec: found 'gif', allowed are 'jpeg' and 'png'"),
         ({"images": "images/"}, "images: found 'images/', expected N arrays"),

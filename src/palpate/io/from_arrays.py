@@ -40,7 +40,7 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     is_late = latest > (2.0**62 if is_whole else 4e9)  # after the year 2096
     if is_late or (step and not least <= step * (1e-9 if is_whole else 1.0) <= 10.0):
         kind = "integers, which are nanoseconds" if is_whole else "floats, which are seconds"
-        question = " ".join(filter(None, (other_time_unit(step, rate) for rate in (30.0, 500.0))))
+        question = " ".join(filter(None, (other_time_unit(step, rate) for rate in (30.0, 500.0)))) or "are all in one?"
         raise FileError(f"{name}: found {kind}, in the median {step:g} from one to the next; {question}")
     kind = given.dtype.type  # that of floats that went through float32 is float32
     if kind is np.float64 and (given.astype(np.float32) == given).all():

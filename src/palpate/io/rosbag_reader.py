@@ -149,10 +149,6 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
         raise FileError(f"{path}: cannot be read ({one_line(error)}); `{repair}` may repair it") from error
 
 
-integers = partial(array, "q")
-"""An array of integers, as a bag may hold millions of messages."""
-
-
 @dataclass
 class Stream:
     """The messages of one topic, or the transforms of one frame, as numbers."""
@@ -161,7 +157,7 @@ class Stream:
     is_transform: bool = False
     is_static: bool = False
     """True for transforms that hold at all times."""
-    times: dict[str, "array[int]"] = field(default_factory=lambda: {"log": integers(), "header": integers()})
+    times: dict[str, "array[int]"] = field(default_factory=lambda: {"log": array("q"), "header": array("q")})
     """Times by clock [ns]; messages without headers have none in these."""
     frames: list[str] = field(default_factory=list)
     """Frames that its poses are given in; several contradict one another."""

@@ -290,4 +290,7 @@ def _listed_images(table: Path, folder: Path | str | None) -> dict[int, Path]:
         are_whole = all(time.isdecimal() for _, (time, _) in rows)
         stamps = nanoseconds("time", [int(row[0]) if are_whole else float(row[0]) for _, row in rows], least=1e-3)
     files = [(folder or table.parent) / Path(name) for _, (_, name) in rows]
-    return dict(zip(stamps.tolist(), files, strict=True))
+    found = dict(zip(stamps.tolist(), files, strict=True))
+    if repeated := len(files) - len(found):
+        logger.warning("%s: %d images have the time of another one and are left out", table, repeated)
+    return found
