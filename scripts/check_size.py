@@ -14,8 +14,8 @@ BUDGETS = {
     "lines of the product": 12910,  # goal 12000
     "lines of the laboratory": 6000,  # goal 6000
     "files in src": 122,
-    "lines of tests": 14100,
-    "lines of scripts and benchmarks": 2450,
+    "lines of tests": 14160,
+    "lines of scripts and benchmarks": 2500,
     "words of docs": 18000,
     "numeric module constants": 158,
     "docstrings that open with a question word": 6,

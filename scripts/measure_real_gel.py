@@ -1,4 +1,4 @@
-"""Compare the shipped touch model with presses at known angles on a real DIGIT: docs/study/real_gel.json.
+"""Compare shipped touch models with real presses: docs/study/real_gel.json of a DIGIT, real_mini.json of a Mini.
 
     python scripts/measure_real_gel.py [../shared/data/digit_balls]
 
@@ -8,6 +8,7 @@ would deliver them, without calibration or after `palpate calibrate` on five pre
 scores. `slope` and `offset_deg` are of the measured angle over the true one; `pairs_rms_deg` is the error of the change
 between any two presses, `constant_pairs_rms_deg` that of the claim that nothing changes. A side that rolls over the gel
 moves its imprint as these presses do and turns the sensor the other way: `turns_rms_deg` is the error of such turns.
+Of a GelSight Mini, places of balls and of two upright edges are compared with their columns in the images.
 """
 
 import csv
@@ -19,7 +20,7 @@ import numpy as np
 from _common import DATA, write
 from numpy.typing import NDArray
 
-from palpate import DIGIT, Calibration
+from palpate import DIGIT, GELSIGHT_MINI, Calibration
 from palpate.arrays import Image
 from palpate.lab.train.scores import coverage
 from palpate.touch.background import background_of
@@ -46,6 +47,39 @@ CASES = {
 def main(folder: Path) -> None:
     """Measure all cases and write."""
     write("real_gel", {name: measured(folder, *case) for name, case in CASES.items()})
+    write("real_mini", {"balls": balls_on_mini(folder.parent), "edges": edges_on_mini(folder.parent)})
+
+
+def balls_on_mini(data: Path) -> dict[str, float]:
+    """Return the scores of places of balls, whose columns are those of the best sphere in gradients of the image."""
+    with (data / "mini_balls/centres.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    images = [read_image(data / "mini_balls" / row["press"] / "gelsight.png") for row in rows]
+    return of_places(data / "mini_balls", images, [float(row["centre_col_px"]) for row in rows])
+
+
+def edges_on_mini(data: Path) -> dict[str, float]:
+    """Return the scores of places of upright edges that are labelled by hand."""
+    folders = [data / "edges_mini/10.000x10.000mm" / number for number in ("13", "16")]
+    columns = [float(np.load(folder / "label.npz")["line_center"][0]) for folder in folders]
+    return of_places(data / "edges_mini", [read_image(folder / "gelsight.png") for folder in folders], columns)
+
+
+def of_places(folder: Path, images: list[Image], columns: list[float]) -> dict[str, float]:
+    """Return the scores of the places of imprints at columns (N,) [px]."""
+    model, mean = shipped_model(GELSIGHT_MINI.name), reduced(read_image(folder / "background.png"))
+    looks = [model.read(difference_in_light(image, mean))["place"] for image in images]
+    place, variance = np.array(looks).T
+    true = (np.array(columns) - 0.5 * (GELSIGHT_MINI.image_width - 1)) * (GELSIGHT_MINI.pixel_pitch or 0.0)
+    inside = coverage(place - true, variance * model.settings.spread["place"].scale)
+    return {
+        "n": len(images),
+        "median_mm": float(1e3 * np.median(np.abs(place - true))),
+        "worst_mm": float(1e3 * np.max(np.abs(place - true))),
+        "slope": float(np.polyfit(true, place, 1)[0]),
+        "in_68_share": inside[0.68],
+        "in_95_share": inside[0.95],
+    }
 
 
 def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:

@@ -1,10 +1,11 @@
-"""Judge a shipped touch model on simulated recordings of other units: docs/study/touch_model.json.
+"""Judge a shipped touch model on simulated recordings of other units: docs/study/[gelsight_mini/]touch_model.json.
 
     python scripts/measure_touch_model.py FOLDER
 
-The folder is the `test` of scripts/train_digit_model.sh. `turns_over_constant_model` is the mean square error of the
-sine of the turn between two frames of a contact, over that of the claim that nothing turns. At corners a turn is that
-of the normal off the bisector less that of the contact on the tip, where the model finds the corner.
+The folder is the `test` of scripts/train_digit_model.sh, or of that of the GelSight Mini, whose model has no corners.
+`turns_over_constant_model` is the mean square error of the sine of the turn between two frames of a contact, over that
+of the claim that nothing turns. At corners a turn is that of the normal off the bisector less that of the contact on
+the tip, where the model finds the corner.
 """
 
 import re
@@ -35,6 +36,18 @@ def main(folder: Path) -> None:
     network = TouchNetwork(tuple(model.settings.spread))
     restore(network, model.network)
     errors = errors_of(network, samples)
+    near = np.abs(samples.direction) < 0.4
+    of_unit = [errors["direction"][0][near & (samples.recording == n)] for n in range(len(files))]
+    found = {
+        "frames": len(samples),
+        "recordings": {"judged_by": len(files)},
+        "honesty": judge(errors, model.settings.spread),
+        "direction_offset_of_units_deg": float(
+            np.degrees(np.median([abs(each.mean()) for each in of_unit if len(each)]))
+        ),
+    }
+    if "corner" not in model.settings.spread:
+        return write("gelsight_mini/touch_model", found)
     readings = [model.read(each) for each in samples.difference.astype(np.float32)]
     direction, turn, corner = (np.array([each[name] for each in readings]).T for name in model.settings.spread)
     units = [re.findall(r"unit (\d+)", load_recording(file).source)[0] for file in files]
@@ -42,11 +55,7 @@ def main(folder: Path) -> None:
     shown = pitch / (sensor.pixel_pitch or 1.0) * sensor.shown  # share of the pad that an image shows
     is_found, normal = corner[3] > CORNER_LOGIT, corner[0] + corner[2] * (samples.cone - RIGHT_ANGLE)
     at_corner = normal - np.arcsin(np.clip(np.sin(direction[0]) * shown, -1.0, 1.0))
-    near = np.abs(samples.direction) < 0.4
-    of_unit = [errors["direction"][0][near & (samples.recording == n)] for n in range(len(files))]
-    found = {
-        "frames": len(samples),
-        "recordings": {"judged_by": len(files)},
+    found |= {
         "turns_over_constant_model": {
             kind: over_constant(samples, shown, at_corner if kind == "corner" else turn[0] * shown, of_kind)
             for number, kind in enumerate(KINDS)
@@ -54,12 +63,8 @@ def main(folder: Path) -> None:
         },
         "corners_found_share": float(is_found[np.isfinite(samples.corner)].mean()),
         "corners_found_elsewhere_share": float(is_found[np.isnan(samples.corner)].mean()),
-        "honesty": judge(errors, model.settings.spread),
-        "direction_offset_of_units_deg": float(
-            np.degrees(np.median([abs(each.mean()) for each in of_unit if len(each)]))
-        ),
     }
-    write("touch_model", found)
+    return write("touch_model", found)
 
 
 def over_constant(samples: Samples, shown: Array, told: Array, among: NDArray[np.bool_]) -> float:

@@ -331,6 +331,16 @@ TABLES: dict[str, Table] = {
             },
         ),
     ),
+    "real-mini": Table(
+        {
+            "on a real GelSight Mini": "{name}",
+            "presses": "{n}",
+            "place off, median (worst)": "{median_mm:.1f} mm ({worst_mm:.1f})",
+            "measured over true": "{slope:.2f}",
+            "in 95 %": "{in_95_share:.0%}",
+        },
+        of_json("docs/study/real_mini.json", {"balls": "balls", "edges": "upright edges"}),
+    ),
     "touch-model": Table(
         {
             "model": "{name}",
@@ -391,16 +401,6 @@ TABLES: dict[str, Table] = {
             "in 95 %": "{inside:.0%}",
         },
         long_runs,
-    ),
-    "live": Table(
-        {
-            "images a second": "{name}",
-            "images": "{images}",
-            "dropped": "{dropped}",
-            "latency: median, 99th percentile": "{latency_ms[p50]:.0f}, {latency_ms[p99]:.0f} ms",
-            "growth of memory": "{rss_growth_mb:.0f} MB",
-        },
-        of_json("docs/study/live.json", {"30": "30", "60": "60"}),
     ),
     "unknown-start": Table(
         {

@@ -65,9 +65,9 @@ def test_an_interrupted_training_continues(trained, recordings, tmp_path, run_pa
     assert "holds a model already" in fails("train", recordings, "--out", out, "--resume")
     (out / "model.json").unlink()  # the last file of all
     assert "--resume continues it" in fails("train", recordings, "--out", out)
-    begun = (out / "training" / "touch-1.pt").stat().st_mtime_ns
+    begun = (out / "training" / "touch.pt").stat().st_mtime_ns
     assert run_palpate("train", recordings, "--out", out, "--seed", "5", "--steps", "4", "--resume")[0] == 3
-    assert (out / "training" / "touch-1.pt").stat().st_mtime_ns == begun
+    assert (out / "training" / "touch.pt").stat().st_mtime_ns == begun
     assert results(out)["scores"] == results(trained)["scores"]
 
 

@@ -208,10 +208,10 @@ def test_a_ruler_measures_the_pixel_pitch(tmp_path, narrow, run_palpate, fails):
     out = tmp_path / "unit.npz"
     words = "calibrate", "--untouched", tmp_path / "still.png", "--out", out, "--ruler"
     numbers = json.loads(run_palpate(*words, "6mm", tmp_path / "two.png", "--json")[1])
-    assert numbers["pixel_pitch_mm"] == pytest.approx(1.0 / 18.0, rel=0.05)
+    assert numbers["pixel_pitch_mm"] == pytest.approx(1.0 / 18.0, rel=0.06)
     assert 0.03 / 18.0 < numbers["pixel_pitch_sigma_mm"] < 0.06 / 18.0
     found = load_calibration(out)
-    assert found.pixel_pitch == pytest.approx(narrow.pitch, rel=0.05)
+    assert found.pixel_pitch == pytest.approx(narrow.pitch, rel=0.06)
     # With 6 % from a ball to other objects.
     assert found.direction.scale_sigma == pytest.approx(np.hypot(0.06, found.pixel_pitch_sigma))
     for length, image, said in (
@@ -242,7 +242,7 @@ def test_places_measure_the_scale_however_narrow_and_a_ruler_goes_with_them(tmp_
         run_palpate(*words, "--out", tmp_path / "b.npz", "--ruler", "6mm", tmp_path / "two.png", "--json")[1]
     )
     assert ruled["scale"] == pytest.approx(1.05, abs=0.1) and ruled["pixel_pitch_mm"] == pytest.approx(
-        1.0 / 18.0, rel=0.05
+        1.0 / 18.0, rel=0.06
     )
 
 

@@ -113,3 +113,11 @@ def test_real_presses_are_read_as_reported(shared_data, monkeypatch):
     # A side that rolls would move the imprint as the presses do; a constant model is off by all of the change.
     assert found["turns_rms_deg"] < 0.25 * found["constant_pairs_rms_deg"]
     assert found["n"] == 20 and found["in_95_share"] > 0.85
+
+
+def test_places_on_a_real_mini(shared_data, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    script = importlib.import_module("measure_real_gel")
+    balls, edges = script.balls_on_mini(shared_data), script.edges_on_mini(shared_data)
+    assert balls["median_mm"] < 0.7 and balls["in_95_share"] >= 0.85 and balls["slope"] == pytest.approx(1.0, abs=0.1)
+    assert edges["worst_mm"] < 0.7 and edges["in_95_share"] == 1.0

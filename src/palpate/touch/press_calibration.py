@@ -48,7 +48,7 @@ LEFT_OR_RIGHT = 3.0
 """Log likelihood of one over the other that makes it known."""
 _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
 _IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
-_ALIKE = 0.4  # correlation of two imprints; simulated ones have 0.5 or more, and a single one at most 0.15
+_ALIKE = 0.25  # correlation of two imprints; nearly all simulated ones have more, and a single one at most 0.15
 _RULER = 0.04, 1e-4  # errors of a distance of imprints: as a share, from their flanks, and [m]
 
 

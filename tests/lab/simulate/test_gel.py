@@ -14,7 +14,7 @@ from palpate.lab.simulate.unit import SensorUnit, draw_unit
 
 SQUARE, SIDE = Rectangle(0.09, 0.09), Side()
 UNITS = [draw_unit(DIGIT, seed) for seed in range(6)]
-SHADELESS = [replace(unit, shadow=0.0, halo=1.0, fold=1.0, response=0.0) for unit in UNITS]
+SHADELESS = [replace(unit, shadow=0.0, halo=1.0, fold=1.0, response=0.0, scattered=0.6) for unit in UNITS]
 """Units in which the image changes only at the contact, and evenly."""
 CONTACTS = {
     "disc": (Disc(0.05), (-0.05, 0.0), math.pi),
@@ -119,6 +119,22 @@ def test_the_rims_and_a_leaning_side_show_at_their_place() -> None:
         row, _ = np.unravel_index(overlap.argmax(), overlap.shape)
         assert overlap.max() == pytest.approx(3e-4, rel=0.01)
         assert unit.place[1, row, 0] == pytest.approx(-0.1 * math.tan(tilt), abs=3e-4)
+
+
+def test_a_side_leans_sideways_about_its_middle_and_a_round_one_touches_there():
+    unit = draw_unit(GELSIGHT_MINI, 0)
+    pose = (0.045 * math.sqrt(2.0) * math.cos(0.25 * math.pi), 0.045, -0.75 * math.pi)  # faces a corner
+    y, z = unit.place
+
+    def touched(side: Side) -> np.ndarray:
+        return prism_overlap(unit, SQUARE, pose, 5e-4, side) > 0.0
+
+    leaning = touched(Side(-0.003, 0.005, roll=0.2))
+    assert np.polyfit(z[leaning], y[leaning], 1)[0] == pytest.approx(math.tan(0.2), rel=0.1)
+    assert abs(np.mean(y[leaning & (np.abs(z - 0.001) < 2e-4)])) < 5e-4
+    rows = z[touched(Side(-0.003, 0.005, bulge=200.0))]
+    assert rows.mean() == pytest.approx(0.001, abs=1e-4)
+    assert 0.5 * np.ptp(rows) == pytest.approx(math.sqrt(2.0 * 5e-4 / 200.0), rel=0.15)
 
 
 @pytest.mark.parametrize("depth", [5e-4, 1e-3])

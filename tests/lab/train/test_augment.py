@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate import DIGIT
+from palpate import DIGIT, GELSIGHT_MINI
 from palpate.lab.train.augment import Augmentation, batch, draw_groups, varied_batch
 from palpate.lab.train.samples import KINDS, Samples
 
 LENGTHS = [5, 80, 11, 200, 6]
-NONE = Augmentation((1.0, 1.0), (1.0, 1.0), 0.0, (0.0, 0.0), 0.0, 0.0, 0.0)
+NONE = Augmentation((1.0, 1.0), (1.0, 1.0), 0.0, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
 
 
 def samples(lengths: Any, recordings: Any = None, seed: int = 0) -> Samples:
@@ -61,7 +61,7 @@ def test_without_changes_a_batch_is_the_samples():
 
 
 def test_brightness_and_colours_vary():
-    changed = dataclasses.replace(Augmentation(), clouds=(0.0, 0.0), light=0.0, moved=0.0)
+    changed = dataclasses.replace(Augmentation(), clouds=(0.0, 0.0), light=0.0, fading=0.0, moved=0.0)
     many = varied_batch(
         samples([50]), np.full((625, 8), 4), DIGIT, np.random.default_rng(0), changed
     ).difference.numpy()
@@ -119,3 +119,21 @@ def test_clouds_and_light_are_smooth(of):
     assert 0.4 * largest**2 / 3 < alike < largest**2 / 3
     assert 0.4 * 0.06**2 / 3 < other < 0.06**2 / 3 if of == "clouds" else other == 0.0
     assert np.abs(np.diff(images, axis=-1)).mean() < 0.1 * np.abs(images).mean()
+
+
+def test_over_a_flat_pad_corners_move_with_their_places_and_sides_stay():
+    column = 320 * 6.25e-5 / 128  # [m] of the Mini's pad in a column
+    spots = np.zeros((50, 32, 128, 3), np.float16)
+    spots[:, 16, 74] = 1.0
+    for kind, is_moved in (("corner", True), ("edge", False)):
+        given = dataclasses.replace(
+            samples([50]), difference=spots, place=np.full(50, 10.5 * column), kind=np.full(50, KINDS.index(kind))
+        )
+        chosen, changed = np.arange(400).reshape(200, 2) % 50, dataclasses.replace(NONE, moved=1.0, flipped=0.5)
+        seen = varied_batch(given, chosen, GELSIGHT_MINI, np.random.default_rng(0), changed)
+        shown = seen.place(given.place[chosen]).numpy()
+        at = np.nonzero(seen.difference.numpy()[:, 0])[2].reshape(200, 2)
+        np.testing.assert_allclose(shown, (at - 63.5) * column, atol=1e-6)
+        assert (np.ptp(np.abs(shown)) > 0.005) == is_moved
+        told, true = seen.direction(given.direction[chosen]).abs().numpy(), np.abs(given.direction[chosen])
+        np.testing.assert_allclose(told, true, rtol=1e-5)

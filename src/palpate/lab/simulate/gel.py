@@ -35,12 +35,21 @@ class Side:
     """Upper rim, relative to the sensor's origin [m]."""
     tilt: float = 0.0
     """Lean away from the sensor, going up [rad]."""
+    roll: float = 0.0
+    """Lean towards the sensor's +y, going up [rad]; the middle stays where it is."""
+    bulge: float = 0.0
+    """Curvature from rim to rim, out in the middle [1/m]: 0 of a prism, above it of a bottle or a ball."""
 
 
 def draw_side(rng: np.random.Generator) -> Side:
-    """Draw the side of an object 14 to 30 mm thick, up to 5 mm off the pad's middle, leaning by 1.5 degrees rms."""
-    middle, thickness = rng.uniform(-0.005, 0.005), rng.uniform(0.014, 0.03)
-    return Side(middle - 0.5 * thickness, middle + 0.5 * thickness, float(rng.normal(0.0, math.radians(1.5))))
+    """Draw the side of an object 8 to 30 mm thick, up to 5 mm off the pad's middle, leaning by 3 degrees rms both ways.
+
+    Two in five are round from rim to rim, as bottles and balls are, with a radius of 4 to 100 mm.
+    """
+    middle, thickness = rng.uniform(-0.005, 0.005), rng.uniform(0.008, 0.03)
+    tilt, roll = rng.normal(0.0, math.radians(3.0), 2).tolist()
+    bulge = math.exp(rng.uniform(math.log(10.0), math.log(250.0))) if rng.random() < 0.4 else 0.0
+    return Side(middle - 0.5 * thickness, middle + 0.5 * thickness, tilt, roll, bulge)
 
 
 def render(
@@ -235,7 +244,8 @@ def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
     light = unit.light.astype(np.float32)[:, :, None, None]
     lit = np.maximum((light[:, 0] * right + light[:, 1] * up + light[:, 2]) * shrink, 0.0)
     # Light scattered in the gel fills the gaps between cones and streaks.
-    strength = np.asarray(0.6 + 0.4 * np.minimum(unit.illumination, 2.5), np.float32)
+    even = np.float32(unit.scattered)
+    strength = np.asarray(even + (1.0 - even) * np.minimum(unit.illumination, 2.5), np.float32)
     by_level = ((np.maximum(np.arange(256), 20) / 100.0) ** unit.response).astype(np.float32)
     response = np.asarray(cv2.LUT(unit.no_contact, by_level), np.float32)
     return right, up, lit, strength, response
@@ -287,18 +297,22 @@ def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image, Image]
     """Return sections of the gel, (levels, columns, 2) [m], at which column and level each pixel reads them, and its
     distance from the nearer rim of the side [m].
 
-    Off the sensor's plane the gel sags and a leaning side recedes; both draw the gel back from the object. Each level
-    is the section at one such distance, the first at the gel's farthest reach into the side.
+    Off the sensor's plane the gel sags, a leaning side recedes, and so does a round one; all draw the gel back from the
+    object. Each level is the section at one such distance, the first at the gel's farthest reach into the side.
     """
     y, z = unit.place
-    sag = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z
-    sag = np.maximum(sag - sag[(z > side.below) & (z < side.above)].min(), 0.0)
-    step, apart = 0.5 * unit.pitch, 1e-4  # [m] between columns and between levels
-    across = np.arange(float(y.min()), float(y.max()) + 2.0 * step, step)
-    levels = np.arange(math.ceil(float(sag.max()) / apart) + 2) * apart
+    off = z - np.float32(0.5 * (side.below + side.above))
+    beside = y - np.float32(math.tan(side.roll)) * off  # of a side that leans, the place that is at this pixel
+    back = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z + np.float32(0.5 * side.bulge) * off * off
+    back = back - back[(z > side.below) & (z < side.above)].min() + unit.sag(y) - unit.sag(beside)
+    step, apart, most = 0.5 * unit.pitch, 1e-4, 2.5e-3  # [m] between columns and between levels, and beyond all touch
+    back = np.minimum(back, np.float32(most))
+    across = np.arange(float(beside.min()), float(beside.max()) + 2.0 * step, step)
+    first = math.floor(float(back.min()) / apart)
+    levels = np.arange(first, math.ceil(float(back.max()) / apart) + 2) * apart
     table = np.stack(np.broadcast_arrays(-unit.sag(across) - levels[:, None], across), axis=-1)
     within = np.minimum(z - np.float32(side.below), np.float32(side.above) - z)
-    return table, (y - np.float32(across[0])) / np.float32(step), sag / np.float32(apart), within
+    return table, (beside - np.float32(across[0])) / np.float32(step), back / np.float32(apart) - first, within
 
 
 @functools.cache

@@ -66,6 +66,8 @@ class SensorUnit:
     """Standard deviation of the camera's noise [grey levels]."""
     illumination: Image
     """Strength of each light at each pixel, (3, height, width)."""
+    scattered: float
+    """Share of the light on an imprint that is the same at each pixel, 0 to 1."""
     no_contact: NDArray[np.uint8]
     """Image without contact and noise, (height, width, 3), RGB."""
 
@@ -159,11 +161,14 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
         fold=rng.uniform(0.0, 1.0),
         noise=rng.uniform(0.8, 1.6),
         illumination=illumination,
+        scattered=0.6,
         no_contact=backdrop.draw_no_contact(illumination, colour / 200.0, rng, kind),
     )
     shade = 0.7 + 0.3 * np.sqrt(unit.softness)[..., None]  # little light reaches the rim
     markers = _draw_markers(unit.place, rng) if flat and rng.random() < 0.5 else None
-    unit = replace(unit, no_contact=np.rint(unit.no_contact * shade).astype(np.uint8), markers=markers)
+    no_contact = np.rint(unit.no_contact * shade).astype(np.uint8)
+    # On a real DIGIT a ball's flank has four times less of the light that hardly reaches its place.
+    unit = replace(unit, no_contact=no_contact, markers=markers, scattered=rng.uniform(0.05, 0.6))
     for array in (unit.light, unit.colour, unit.illumination, unit.no_contact):
         array.flags.writeable = False
     return unit

@@ -25,10 +25,13 @@ class Augmentation:
     """Factor on each colour of an image."""
     tint: float = 0.05
     """Standard deviation of the shift of each colour, and of its slopes over the image [of a difference]."""
-    clouds: tuple[float, float] = (0.12, 0.06)
+    clouds: tuple[float, float] = (0.2, 0.06)
     """Most by which smooth clouds change a group of images, and each image by itself [of a difference]."""
     light: float = 1.0
     """Most by which the strength of each colour's light varies over the image [logarithm]."""
+    fading: float = 0.5
+    """Standard deviation of the fall of each colour's light from the middle of a flat pad to a side [logarithm]; that
+    of a round one, as simulated units have it, is enough."""
     flipped: float = 0.5
     """Share of groups in another orientation, with other channels."""
     moved: float = 0.5
@@ -48,14 +51,22 @@ class Batch:
     sign: Tensor
     """Factor on angles and places of each group, (G, 1): -1 where images are mirrored."""
     moved: Tensor
-    """Increase of the sine of each group's contact directions after that, (G, 1)."""
+    """Increase of the sine of each group's contact directions after that, (G, 1); on a flat pad of its places [m]."""
+    is_flat: bool = False
+    """True for a flat pad."""
 
     def direction(self, label: Array) -> Tensor:
         """Return the directions (G, F) [rad] that the images show, from the samples' own."""
-        return torch.arcsin(self.sign * torch.from_numpy(np.sin(label).astype(np.float32)) + self.moved)
+        if self.is_flat:
+            return self.signed(label)
+        return torch.arcsin(self.signed(np.sin(label)) + self.moved)
+
+    def place(self, label: Array) -> Tensor:
+        """Return the places (G, F) [m] that the images of a flat pad show, from the samples' own."""
+        return self.signed(label) + self.moved
 
     def signed(self, label: Array) -> Tensor:
-        """Return the turns or places (G, F) that the images show, from the samples' own."""
+        """Return the turns (G, F) that the images show, from the samples' own."""
         return self.sign * torch.from_numpy(label.astype(np.float32))
 
 
@@ -96,7 +107,7 @@ def varied_batch(
     difference = samples.difference[chosen].astype(np.float32)
     mirrored, upturned = ((rng.random(groups) < 0.5) & (rng.random(groups) < 2.0 * by.flipped) for _ in range(2))
     sign = np.where(mirrored, -1.0, 1.0)[:, None]
-    right, down = _draw_moves(sign * np.sin(samples.direction[chosen]), sensor, rng, by)
+    right, down = _draw_moves(samples, chosen, sign, sensor, rng, by)
     for g in range(groups):
         flipped = difference[g][:, :: -1 if upturned[g] else 1, :: -1 if mirrored[g] else 1]
         channels = rng.permutation(3) if rng.random() < by.flipped else np.arange(3)
@@ -109,10 +120,12 @@ def varied_batch(
     difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
     shape = difference.shape[1:3]
     lasting, passing = _clouds(groups, by.clouds[0], shape, rng), _clouds(groups * size, by.clouds[1], shape, rng)
-    light = _clouds(groups, by.light, shape, rng).exp()
+    fall = rng.normal(0.0, by.fading if sensor.flat_width else 0.0, (2, groups, 1, 1, 3)).astype(np.float32)
+    fading = _tensor(fall[0] * columns[:, None] + fall[1] * rows[:, None, None])
+    light = (_clouds(groups, by.light, shape, rng) + fading).exp()
     seen = (_tensor(difference) + lasting.repeat_interleave(size, dim=0) + passing) * light.repeat_interleave(size, 0)
-    sine = (right * _sine_per_column(sensor))[:, None].astype(np.float32)
-    return Batch(seen, torch.from_numpy(sign.astype(np.float32)), torch.from_numpy(sine))
+    by_columns = (right * _per_column(sensor))[:, None].astype(np.float32)
+    return Batch(seen, torch.from_numpy(sign.astype(np.float32)), torch.from_numpy(by_columns), sensor.flat_width > 0.0)
 
 
 def moved(images: NDArray[np.float32], right: int, down: int) -> NDArray[np.float32]:
@@ -123,27 +136,32 @@ def moved(images: NDArray[np.float32], right: int, down: int) -> NDArray[np.floa
     return out
 
 
-def _sine_per_column(sensor: SensorProfile) -> float:
-    """Increase of the sine of a contact's direction from one column of a difference to the next.
-
-    0 on a flat pad, whose imprints of a side belong to its edges.
-    """
-    if sensor.flat_width or not (sensor.half_width and sensor.radius):
-        return 0.0
-    return 2.0 * sensor.half_width / sensor.radius / COLUMNS
+def _per_column(sensor: SensorProfile) -> float:
+    """Increase of the sine of a contact's direction, or of its place on a flat pad [m], from one column to the next."""
+    if sensor.flat_width:
+        return sensor.shown * 2.0 * (sensor.half_width or 0.0) / COLUMNS
+    return 2.0 * (sensor.half_width or 0.0) / sensor.radius / COLUMNS if sensor.radius else 0.0
 
 
 def _draw_moves(
-    sine: Array, sensor: SensorProfile, rng: np.random.Generator, by: Augmentation
+    samples: Samples, chosen: Indices, sign: Array, sensor: SensorProfile, rng: np.random.Generator, by: Augmentation
 ) -> tuple[Indices, Indices]:
-    """Draw columns and rows (G,) to move groups by, such that contacts of this sine (G, F) stay on the pad."""
-    groups, step = len(sine), _sine_per_column(sensor)
+    """Draw columns and rows (G,) to move groups by, such that contacts stay on the pad.
+
+    Over a flat pad only corners move: the imprint of a side ends where the pad does.
+    """
+    groups, step = len(chosen), _per_column(sensor)
     moving = rng.random(groups) < by.moved
     down = np.where(moving, rng.integers(-by.rise, by.rise + 1, groups), 0)
     if not step:
         return np.zeros(groups, int), down
-    most = by.reach * COLUMNS / 2.0
-    first, last = sine.min(axis=1) / step, sine.max(axis=1) / step
+    if sensor.flat_width:
+        where = samples.place[chosen]
+        moving &= (samples.kind[chosen] == KINDS.index("corner")).all(axis=1)
+    else:
+        where = np.sin(samples.direction[chosen])
+    most, where = by.reach * COLUMNS / 2.0, sign * where / step
+    first, last = where.min(axis=1), where.max(axis=1)
     right = np.round(-most - first + rng.random(groups) * (2.0 * most - last + first))
     moving &= np.maximum(-first, last) < most  # contacts beyond the reach already stay there
     return np.where(moving, right, 0.0).astype(int), down

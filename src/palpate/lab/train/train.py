@@ -47,12 +47,9 @@ class TrainSettings:
 
     seed: int = 0
     """Of weights, batches and the choice of held-out recordings."""
-    touch: tuple[FitSettings, ...] = (
-        FitSettings(steps=4000, patience=40),
-        FitSettings(steps=4000, rate=1.5e-3, patience=40),
-    )
-    """Descents of a new model, one after the other and none stopped early: corners are learnt after all else."""
-    fine: tuple[FitSettings, ...] = (FitSettings(steps=300, rate=5e-4, check=25, patience=4),)
+    touch: FitSettings = FitSettings(steps=4000, patience=40)
+    """Descent of a new model, not stopped early: corners are learnt after all else."""
+    fine: FitSettings = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
     """The same of an existing model, for another sensor unit."""
     presses: FitSettings = FitSettings(steps=300, check=25)
     """Descent of a model from presses."""
@@ -126,16 +123,13 @@ def train(
         network = TouchNetwork(outputs)
         if base is not None:
             restore(network, base.network)
-        descents = [settings.descent(each) for each in (settings.touch if base is None else settings.fine)]
-        for number, descent in enumerate(descents):
-            with bar("touch", descent.steps) as progress:
-                of_it = replace(settings, seed=settings.seed + number)
-                learn(network, learned, held_out, sensor, of_it, descent, work, progress, f"touch-{number + 1}")
+        descent = settings.descent(settings.touch if base is None else settings.fine)
+        with bar("touch", descent.steps) as progress:
+            learn(network, learned, held_out, sensor, settings, descent, work, progress)
         spread = measure_spread(errors_of(network, held_out))
-        errors = errors_of(network, judged)
         results = {
             "frames": len(judged),
-            "scores": judge(errors, spread),
+            "scores": judge(errors_of(network, judged), spread),
             "recordings": {
                 "learned_from": len(np.unique(learned.recording)),
                 "held_out": len(np.unique(held_out.recording)),
@@ -147,7 +141,7 @@ def train(
             part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
         training = {
             "seed": settings.seed,
-            "touch": [asdict(each) for each in descents],
+            "touch": asdict(descent),
             "frames": len(learned),
             "from": str(start or ""),
         }
@@ -214,7 +208,6 @@ def learn(
     descent: FitSettings,
     folder: Path,
     progress: Callable[..., None] | None = None,
-    name: str = "touch",
 ) -> None:
     """Train a network by the likelihood of what it predicts, all outputs together; on a GPU where there is one."""
     device = "cuda" if torch.cuda.is_available() else "cpu"
@@ -247,8 +240,8 @@ def learn(
                     logit[is_known], torch.from_numpy(on_corner)[is_known].float()
                 )
                 continue
-            label = seen.direction(samples.direction[chosen]) if name == "direction" else None
-            label = 1e2 * seen.signed(samples.place[chosen]) if label is None else label  # [cm]
+            is_place = name == "place"  # [cm]
+            label = 1e2 * seen.place(samples.place[chosen]) if is_place else seen.direction(samples.direction[chosen])
             found[name] = gaussian_nll(output[:, 0] - label.ravel(), output[:, 1])
         return found
 
@@ -258,7 +251,7 @@ def learn(
         return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
 
     network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
-    fit(name, network, partial(draw, learned), losses, judged, descent, settings.seed, folder, progress)
+    fit("touch", network, partial(draw, learned), losses, judged, descent, settings.seed, folder, progress)
     network.cpu()
 
 
