@@ -29,16 +29,7 @@ from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrect
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.types.estimate import Estimate
-from palpate.types.measurements import (
-    ContactCorner,
-    ContactDirection,
-    ContactPlace,
-    Frame,
-    Measurement,
-    ObjectPose,
-    Turn,
-    finite_numbers,
-)
+from palpate.types.measurements import Frame, Measurement, finite_numbers
 from palpate.types.sensor import POINT, SensorProfile, known_sensor
 
 logger = logging.getLogger(__name__)
@@ -241,15 +232,8 @@ def warm_up() -> None:
     if not is_cached(gauss_newton.improve):
         logger.warning("compiling the estimator: once for this version, some 20 s")
     bank = HypothesisBank(contact_model(Disc(0.05), POINT), TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
-    touch = [
-        ContactDirection(0.0, 1e-4),
-        ContactPlace(0.0, 1.0),
-        Turn(0.0, 1e-4),
-        ContactCorner(0.0, 1e-4),
-        ObjectPose(np.zeros(3), np.eye(3)),
-    ]
     for step in range(LAG + 3):
-        bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), touch, step / 30.0)
+        bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), (), step / 30.0)
     bank.report(2.0)
     bank.end_contact()
     bank.rest_step(np.array([-0.1, 0.0, 0.0]), (), 2.0)

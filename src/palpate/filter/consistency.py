@@ -42,7 +42,6 @@ _STILL = 3e-4  # [m] noise of the sensor's own motion
 _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
 _FOUND = np.square([0.005, 0.005, 0.1])  # [m^2, m^2, rad^2] variances at which a displaced object is found again
 _ALONG = np.linspace(-1.0, 1.0, 7)  # places along the outline where directions are compared, over the likely length
-_UNCERTAIN = np.square([0.02, 0.02, 0.2])  # [m^2, m^2, rad^2] variances too large to be reliable
 _CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
 _SEVERAL = 3  # of the last frames from which a contradiction counts: a single one may be an error
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
@@ -208,11 +207,6 @@ class ConsistencyMonitor:
         off = np.abs(np.angle(-normals * np.exp(-1j * (angles + g[:, 2]))[:, None])).min(axis=1)
         deviation = np.sqrt(covariance[:, 2, 2] + self._calibration[2, 2] + variance)
         return np.where(off > _SURPRISE * deviation, off, 0.0)
-
-
-def is_unreliable(covariance: Array) -> Flags:
-    """Return True (...) where covariances (..., 3, 3) of the object's pose are too large to be reliable."""
-    return np.asarray((covariance.diagonal(axis1=-2, axis2=-1) > _UNCERTAIN).any(axis=-1))
 
 
 def _with_frame(apart: Array, kind: int, distance: Array, deviations: Array) -> Array:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array, Complex, Flags, Integers
-from palpate.filter.consistency import is_unreliable
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
@@ -28,6 +27,7 @@ _PLACE = np.diag(np.square([0.003, 0.01, np.radians(9.0)]))  # [m, m, rad] along
 _STEP, _LONGEST = 0.003, 5.0  # [m] step along the outline, and its largest length
 _LIKELY = 4.0  # standard deviations of a belief within which places are considered
 _ROUGH = np.array([0.006, 0.006, 0.15])  # [m, m, rad] standard deviations of a rough belief
+_HOPELESS = np.array([0.02, 0.02, 0.2])  # [m, m, rad] those of one too rough for one graph to find the object
 _YAWS = 12  # directions all around, if yaw is unknown
 _KNOWN_YAW, _ANY_YAW = 1.5 * np.radians(9.0), 1.7  # [rad] standard deviations of yaw for one value, and for all alike
 _UNKNOWN_YAW = np.diag([0.0, 0.0, 100.0**2])  # [rad^2] variance of an unknown yaw
@@ -60,8 +60,8 @@ def contact_hypotheses(
     is_new = stays | (not was_found)
     weight, age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
     stayed = replace(rows, belief=belief, log_prior=log_prior, weight=weight, age=age)
-    # One graph cannot find an object from too far.
-    is_hopeless = rough & has_places & ~is_displaced & is_unreliable(displaced.pose_covariance) & (not was_found)
+    variances = np.diagonal(displaced.pose_covariance, axis1=1, axis2=2)
+    is_hopeless = np.any(variances > _HOPELESS**2, axis=1) & rough & has_places & ~is_displaced & (not was_found)
     places = replace(
         rows.take(origin),
         belief=poses,

@@ -77,7 +77,6 @@ class HypothesisBank:
         belief = Belief(pose[None], priors.mean[None], joint[None])
         self._rows = single(belief, sign=-1.0 if self.is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
-        # Poses (B, N, 3) up to the current window, and rows (B,) that were taken.
         self._sensor_pose: Array | None = None  # at the last frame
         self._touched: tuple[Array, float] | None = None  # sensor pose and time [s] of the last frame of contact
         self._is_indeterminate = False
@@ -238,7 +237,7 @@ class HypothesisBank:
         rows.hold_out_yaw(is_observable=is_measured or not is_round(self._model))
         known = self._factors, self._model, rows.belief
         self._window = Window(*known, step, self._lag, self._settings.priors, rows.sign, self._own)
-        self._drop_lost(self._window)
+        self._take(~self._window.rows["is_lost"])
         return self._test_object_poses(step, self._rows.belief.pose[:, None])
 
     def _continue_contact(self, step: Step) -> bool:
@@ -247,7 +246,7 @@ class HypothesisBank:
         is_measured = self._test_object_poses(step, window.object_path())
         spread = np.where(self._rows.disturbed_steps_left > 0, _SPREAD / math.sqrt(_BACK), 0.0)
         window.add(step, spread)
-        self._drop_lost(window)
+        self._take(~window.rows["is_lost"])
         self._is_indeterminate = False
         return is_measured
 
@@ -283,7 +282,7 @@ class HypothesisBank:
         rows.weight, rows.age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
         rows.disturbed_steps_left[count:] = AHEAD
         rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
-        self._drop_lost(window)
+        self._take(~window.rows["is_lost"])
 
     def _reweight_and_prune(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping."""
@@ -324,14 +323,6 @@ class HypothesisBank:
         self._rows = self._rows.take(places)
         if self._window is not None:
             self._window.take(places)
-
-    def _drop_lost(self, window: Window) -> None:
-        """Drop hypotheses without a solution; raises EstimationError if none with images as they are has one."""
-        is_lost = window.rows["is_lost"]
-        if is_lost.any():
-            if is_lost.all():
-                raise EstimationError("the linear system of the window is indeterminate")
-            self._take(~is_lost)
 
 
 def _vector(number: complex) -> Array:

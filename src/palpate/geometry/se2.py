@@ -162,15 +162,11 @@ def _matrices(rows: list[list[Any]]) -> Array:
 
 def _chord(half: Any, sin: Any) -> Any:
     """Return sin(h) / h, which is the chord of an arc over its length."""
-    if isinstance(half, float):
-        return sin / half if half else 1.0
     zero = half == 0.0
     return (sin + zero) / (half + zero)
 
 
 def _half_cot(half: Any) -> Any:
     """Return h / tan(h)."""
-    if isinstance(half, float):
-        return half / math.tan(half) if half else 1.0
     zero = half == 0.0
     return (half + zero) / (np.tan(half) + zero)

@@ -24,6 +24,12 @@ _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as
 _PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
 _CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 
+Own = tuple[Integers, Array]
+"""Steps (M,) of own measurements, and their rows; see `own_measurements.evaluated`."""
+Given = tuple[Records, Array, Surface, Records]
+"""Settings from `make_factors`, variances (LAST_SIZE,) by which numbers of the last step and shared variables change
+from step to step, the surfaces in contact, and room for computing (1,), `factors.WORK`."""
+
 
 @kernel
 def of_step(kind: int, before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
@@ -63,8 +69,8 @@ def improve(
     left: int,
     rows: Records,
     terms: Records,
-    own: tuple[Integers, Array],
-    given: tuple[Records, Array, Surface, Records],
+    own: Own,
+    given: Given,
     changing: Flags,
     iterations: int,
     is_alone: bool,
@@ -72,14 +78,11 @@ def improve(
 ) -> None:
     """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge.
 
-    Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, and terms (T,) TERM. `own` are the
-    steps (M,) of own measurements, and their rows, see `own_measurements.evaluated`. `given` are the settings from
-    `make_factors`, variances (LAST_SIZE,) by which numbers of the last step and shared variables change from step to
-    step, the surfaces in contact, and room for computing (1,), `factors.WORK`. A row `is_alone`, or goes on until all
-    rows of its sign have converged, but for so many iterations at most. The last step `is_new` in the first call after
-    it was added.
+    Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, and terms (T,) TERM. A row `is_alone`,
+    or goes on until all rows of its sign have converged, but for so many iterations at most. The last step `is_new` in
+    the first call after it was added.
     """
-    settings, drift, surface, work = given
+    settings, _drift, surface, work = given
     is_changed = changing.copy()
     for _ in range(iterations):
         for b in range(len(rows)):
@@ -87,9 +90,7 @@ def improve(
                 row, its = rows[b], steps[b]
                 for k in range(len(its)):
                     _put_touch(its[k], surface)
-                is_found = _eliminate_steps(
-                    its, left, row, terms, own[0], own[1][b], settings[0], surface.corners, drift, work[0]
-                )
+                is_found = _eliminate_steps(its, left, row, terms, (own[0], own[1][b]), given)
                 if not (is_found and _move(its, row, work[0].change)):
                     row.is_lost, row.change = True, 0.0
         if not _drop_converged(rows, is_alone, changing):
@@ -100,8 +101,7 @@ def improve(
             _put_touch(its[len(its) - 1], surface)
             _conclude(its, row, settings[0], is_new, work[0])
             _put_recent(its, left, row)
-            its_own_rows = own[0], own[1][b]
-            _put_innovations(its, left, row, terms, its_own_rows, settings[0], surface.corners, work[0].linear)
+            _put_innovations(its, left, row, terms, (own[0], own[1][b]), given)
 
 
 @kernel
@@ -124,19 +124,9 @@ def _put_touch(now: Records, surface: Surface) -> None:
 
 
 @kernel
-def _eliminate_steps(
-    steps: Records,
-    left: int,
-    row: Records,
-    terms: Records,
-    own_steps: Integers,
-    own: Array,
-    settings: Records,
-    corners: Array,
-    drift: Array,
-    work: Records,
-) -> bool:
+def _eliminate_steps(steps: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> bool:
     """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
+    settings, drift, corners, work = given[0][0], given[1], given[2].corners, given[3][0]
     system, gradient, out, t = work.system, work.gradient, work.linear, 0
     system[:], gradient[:] = 0.0, 0.0
     _begin_with_past(steps[0], row, work)
@@ -158,9 +148,9 @@ def _eliminate_steps(
         while t < len(terms) and terms[t].step == left + k:
             _add(int(terms[t].kind), of_term(now, row, terms[t], settings, corners, out), out, now, system, gradient)
             t += 1
-        for m in range(len(own)):
-            if own_steps[m] == left + k:
-                _add(OWN, _copy(own[m], out), out, now, system, gradient)
+        for m in range(len(own[0])):
+            if own[0][m] == left + k:
+                _add(OWN, _copy(own[1][m], out), out, now, system, gradient)
         if k > 0 and not eliminate(0, STEP_SIZE, system, gradient, before.root, before.y):
             return False
     return eliminate(STEP_SIZE, WIDTH, system, gradient, row.last_root, row.last_y)
@@ -318,18 +308,9 @@ def _put_recent(steps: Records, left: int, row: Records) -> None:
 
 
 @kernel
-def _put_innovations(
-    its: Records,
-    left: int,
-    row: Records,
-    terms: Records,
-    own: tuple[Integers, Array],
-    settings: Records,
-    corners: Array,
-    out: Records,
-) -> None:
+def _put_innovations(its: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> None:
     """Write the innovations of the last step's sensor pose, contact and own measurements, and of terms that arrived."""
-    last = len(its) - 1
+    last, settings, corners, out = len(its) - 1, given[0][0], given[2].corners, given[3][0].linear
     row.innovations[SENSOR_POSE:] = 0.0
     for kind in (SENSOR_POSE, CONTACT):
         _put_innovation(kind, last, of_step(kind, its[last], its[last], row, settings, out), 0.0, its, row, out)
@@ -338,7 +319,7 @@ def _put_innovations(
             k = int(terms[t].step) - left
             count = of_term(its[k], row, terms[t], settings, corners, out)
             _put_innovation(int(terms[t].kind), k, count, terms[t].variance, its, row, out)
-    for m in range(len(own[1])):
+    for m in range(len(own[0])):
         if own[0][m] == left + last:
             count = _copy(own[1][m], out)
             for r in range(count):  # its residual is from before the last Gauss-Newton step

@@ -54,34 +54,52 @@ class OwnMeasurements:
         known = (OBJECT_POSE, *OF_OBJECT) if at_rest else (OBJECT_POSE, *VARIABLES)
         rows, usable = [], []
         for step, measurement in self.given:
-            its, k = np.zeros((len(g), _ROWS, 1 + LAST_SIZE)), step - first
+            its, k, kind = np.zeros((len(g), _ROWS, 1 + LAST_SIZE)), step - first, type(measurement)
+            if not self.is_right.get(kind, True):
+                continue
             try:
                 if missing := [name for name in measurement.on if named(name) not in known]:
-                    found = f"measurement {type(measurement).__name__} is of {missing[0]}"
+                    found = f"measurement {kind.__name__} is of {missing[0]}"
                     raise EstimationError(f"{found}; at rest there are {', '.join(one.name for one in known)}")
                 for b in range(len(g)):
-                    values = values_at(g[b, k], e[b, k], shared[b])
-                    if not self._has_right_jacobian(measurement, values):
-                        break
-                    residual, jacobian = linearised(measurement, values)
+                    residual, jacobian = self._linearised(measurement, values_at(g[b, k], e[b, k], shared[b]))
                     its[b, : len(residual), 0], its[b, : len(residual), 1:] = residual, jacobian
-                else:
-                    rows.append(its)
-                    usable.append((step, measurement))
+                rows.append(its)
+                usable.append((step, measurement))
             except EstimationError as error:
-                logger.warning("frame at %.3f s: %s; it is left out", self.time, error)
+                which = "it is" if self.is_right.get(kind, True) else "all of them are"
+                logger.warning("frame at %.3f s: %s; %s left out", self.time, error, which)
         self.given = usable
         return np.stack(rows, axis=1) if rows else np.empty((len(g), 0, _ROWS, 1 + LAST_SIZE))
 
-    def _has_right_jacobian(self, measurement: OwnMeasurement, values: dict[Variable, Array]) -> bool:
-        """Compare the first Jacobian of each class with finite differences; a warning names the class if it differs."""
-        kind = type(measurement)
-        if kind not in self.is_right:
-            wrong = _wrong_derivative(measurement, values)
+    def _linearised(self, measurement: OwnMeasurement, values: dict[Variable, Array]) -> tuple[Array, Array]:
+        """Return a whitened residual (R,) and its Jacobian (R, LAST_SIZE) by g, e and the shared variables.
+
+        Raises EstimationError, naming the measurement, if it returns something else, or if the first Jacobian of its
+        class is not the derivative of the residual.
+        """
+        kind, variables = type(measurement), [named(one) for one in measurement.on]
+        at, name, slopes = [values[one] for one in variables], kind.__name__, None
+        try:
+            residual, jacobian = _returned(measurement, at)
+            if jacobian is None or kind not in self.is_right:
+                slopes = _differences(measurement, variables, at)
+                jacobian = slopes.mean(axis=0) if jacobian is None else jacobian
+        except Exception as error:  # somebody else's code must not cost the contact
+            raise EstimationError(f"measurement {name} raises {type(error).__name__}: {error}") from error
+        width = sum(one.dimension for one in variables)
+        if residual.ndim != 1 or len(residual) > _ROWS or jacobian.shape != (len(residual), width):
+            found = f"a residual of shape {residual.shape} and a Jacobian of shape {jacobian.shape}"
+            wanted = f"(R,) and (R, {width}) with R at most {_ROWS}"
+            raise EstimationError(f"measurement {name} returns {found}; they must be {wanted}")
+        if not (np.abs(np.column_stack([residual, jacobian])) < _LARGEST).all():
+            raise EstimationError(f"measurement {name} returns a residual or Jacobian that is not finite")
+        if slopes is not None and kind not in self.is_right:
+            wrong = _wrong_derivative(jacobian, slopes)
             self.is_right[kind] = not wrong
             if wrong:
-                logger.warning("frame at %.3f s: %s; all of them are left out", self.time, wrong)
-        return self.is_right[kind]
+                raise EstimationError(f"measurement {name} {wrong}")
+        return residual, _by_all(jacobian, variables, values[SENSOR_IN_OBJECT])
 
 
 def values_at(g: Array, e: Array, shared: Array) -> dict[Variable, Array]:
@@ -102,61 +120,35 @@ def check_own(measurement: OwnMeasurement) -> None:
     check_time(name, measurement.time)
 
 
-def linearised(measurement: OwnMeasurement, values: dict[Variable, Array]) -> tuple[Array, Array]:
-    """Return a whitened residual (R,) and its Jacobian (R, LAST_SIZE) by g, e and the shared variables.
-
-    Raises EstimationError, naming the measurement, if it returns something else.
-    """
-    name, variables = type(measurement).__name__, [named(one) for one in measurement.on]
-    at = [values[one] for one in variables]
-    try:
-        residual, jacobian = _returned(measurement, at)
-        if jacobian is None:
-            jacobian = _differences(measurement, variables, at).mean(axis=0)
-    except Exception as error:  # somebody else's code must not cost the contact
-        raise EstimationError(f"measurement {name} raises {type(error).__name__}: {error}") from error
-    width = sum(one.dimension for one in variables)
-    if residual.ndim != 1 or len(residual) > _ROWS or jacobian.shape != (len(residual), width):
-        found = f"a residual of shape {residual.shape} and a Jacobian of shape {jacobian.shape}"
-        wanted = f"(R,) and (R, {width}) with R at most {_ROWS}"
-        raise EstimationError(f"measurement {name} returns {found}; they must be {wanted}")
-    if not (np.abs(np.column_stack([residual, jacobian])) < _LARGEST).all():
-        raise EstimationError(f"measurement {name} returns a residual or Jacobian that is not finite")
-    by_each = {one: np.zeros((len(residual), one.dimension)) for one in (SENSOR_IN_OBJECT, SENSOR, *SHARED)}
+def _by_all(jacobian: Array, variables: Sequence[Variable], g: Array) -> Array:
+    """Return a Jacobian by some variables as one by g, e and the shared variables."""
+    by_each = {one: np.zeros((len(jacobian), one.dimension)) for one in (SENSOR_IN_OBJECT, SENSOR, *SHARED)}
     ends = np.cumsum([one.dimension for one in variables])
     for variable, part in zip(variables, np.split(jacobian, ends[:-1], axis=1), strict=True):
         if variable == OBJECT_POSE:
-            by_sensor = part @ se2.adjoint(values[SENSOR_IN_OBJECT])
+            by_sensor = part @ se2.adjoint(g)
             by_each[SENSOR] += by_sensor
             by_each[SENSOR_IN_OBJECT] -= by_sensor
         else:
             by_each[variable] += part
-    return residual, np.concatenate(list(by_each.values()), axis=1)
+    return np.concatenate(list(by_each.values()), axis=1)
 
 
-def _wrong_derivative(measurement: OwnMeasurement, values: dict[Variable, Array]) -> str:
-    """Return the place at which the Jacobian of a measurement is not the derivative of its residual, in words, or "".
+def _wrong_derivative(jacobian: Array, slopes: Array) -> str:
+    """Return the place at which a Jacobian is not between the slopes at both sides (2, R, C), in words, or "".
 
-    At a kink, such as that of a distance that is 0, any value between the slopes at both sides is right.
+    At a kink, such as that of a distance that is 0, these differ.
     """
-    variables = [named(one) for one in measurement.on]
-    at = [values[one] for one in variables]
-    try:
-        jacobian, both = _returned(measurement, at)[1], _differences(measurement, variables, at)
-    except Exception:  # `linearised` reports it
-        return ""
-    if jacobian is None or jacobian.shape != both.shape[1:] or not np.isfinite(both).all():
-        return ""
-    size = np.abs(both).max(axis=(0, 1))
+    size = np.abs(slopes).max(axis=(0, 1))
     slack = 0.05 * size + 1e-3 * size.max(initial=0.0)
-    wrong = (jacobian < both.min(axis=0) - slack) | (jacobian > both.max(axis=0) + slack)
+    wrong = (jacobian < slopes.min(axis=0) - slack) | (jacobian > slopes.max(axis=0) + slack)
     if not wrong.any():
         return ""
     row, column = map(int, np.argwhere(wrong)[0])
-    name, found, expected = type(measurement).__name__, jacobian[row, column], both[:, row, column].mean()
+    found, expected = jacobian[row, column], slopes[:, row, column].mean()
     return (
-        f"measurement {name} returns a Jacobian that is not the derivative of its residual: row {row}, column {column} "
-        f"is {found:.4g}, and finite differences are {expected:.4g}"
+        f"returns a Jacobian that is not the derivative of its residual: row {row}, column {column} is {found:.4g}, "
+        f"and finite differences are {expected:.4g}"
     )
 
 
