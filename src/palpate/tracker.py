@@ -25,7 +25,7 @@ from palpate.graph.contact_geometry import contact_model
 from palpate.graph.variables import LAG
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
-from palpate.touch.calibration import UNCORRECTED, Calibration, DirectionCorrection
+from palpate.touch.calibration import UNCORRECTED, Calibration
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.types.estimate import Estimate
@@ -64,10 +64,8 @@ class Tracker:
         The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
-        settings, sensor = with_set_up(settings or TrackerSettings(), set_up_sigma), known_sensor(sensor)
+        settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
         self._set_up = calibration.set_up if calibration else None
-        if self._set_up:
-            settings = replace(settings, noise=self._set_up.applied(settings.noise))
         self._path: list[tuple[float, Array]] = []  # times and corrected sensor poses of the last second
         self._moved = np.zeros(3)  # motion of the sensor since the image was taken, in the world
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
@@ -76,11 +74,11 @@ class Tracker:
         self._gate = InputGate(sensor, calibration)
         self._is_touch_given = touch is not None
         is_view_known = calibration is not None and calibration.is_view_known
-        correction = calibration.direction if calibration else UNCORRECTED
         pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
+        noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
         self._bank = HypothesisBank(
             contact_model(shape, sensor),
-            replace(settings, noise=with_correction(settings.noise, correction, pitch_sigma)),
+            replace(settings, noise=noise),
             *self._first,
             may_be_mirrored=not (is_view_known or self._is_touch_given),
         )
@@ -281,24 +279,25 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
     return first, covariance
 
 
-def with_set_up(settings: TrackerSettings, sigma: ArrayLike | None) -> TrackerSettings:
-    """Return the settings with the accuracy of this set-up (3,) [m, m, rad], where it is known."""
-    if sigma is None:
-        return settings
-    pose = replace(settings.noise.sensor_pose, calibration=sigma)  # pyright: ignore[reportArgumentType]  checked there
-    return replace(settings, noise=replace(settings.noise, sensor_pose=pose))
+def noise_of_unit(
+    noise: NoiseSettings, calibration: Calibration | None, pitch_sigma: float, set_up_sigma: ArrayLike | None = None
+) -> NoiseSettings:
+    """Return the settings with what is known of a sensor unit and its set-up in place of the defaults.
 
-
-def with_correction(noise: NoiseSettings, correction: DirectionCorrection, pitch_sigma: float) -> NoiseSettings:
-    """Return the settings with the uncertainty that a calibration leaves in corrected directions.
-
-    `pitch_sigma` is that of the pixel pitch of units without one, as a share of it.
+    `pitch_sigma` is the deviation of the pixel pitch of units without a calibration, as a share of it.
     """
-    priors = noise.priors
+    priors, pose = noise.priors, noise.sensor_pose
+    correction, set_up = (calibration.direction, calibration.set_up) if calibration else (UNCORRECTED, None)
     mean, sigma = priors.direction_scale
     priors = replace(priors, direction_scale=(mean, math.hypot(sigma, pitch_sigma)))
     if correction.offset_sigma is not None:
         priors = replace(priors, direction_bias=(0.0, correction.offset_sigma))
     if correction.scale_sigma is not None:
         priors = replace(priors, direction_scale=(0.0, correction.scale_sigma / correction.scale))
-    return replace(noise, priors=priors)
+    if set_up is not None:
+        priors = replace(priors, depth=set_up.depth, outline_scale=set_up.outline_scale)
+        # The rest of the mounting is in the depth and in the errors of directions.
+        set_up_sigma = set_up.sideways[1], set_up.sideways[1], 0.0
+    if set_up_sigma is not None:
+        pose = replace(pose, calibration=set_up_sigma)  # pyright: ignore[reportArgumentType]  checked by the settings
+    return replace(noise, priors=priors, sensor_pose=pose)

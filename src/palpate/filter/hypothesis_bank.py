@@ -260,17 +260,16 @@ class HypothesisBank:
         return bool(measured)
 
     def _branch_at_alarms(self, window: Window) -> None:
-        """Add hypotheses in which something else moved the object, to the likeliest one that has a new alarm."""
-        rows, alarms = self._rows, disturbance_alarms(window)
-        if not alarms.any():
-            return
-        is_watched = (rows.weight > WATCHED) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
-        for row in np.flatnonzero(alarms & is_watched)[:1].tolist():
-            self._branch(window, row)
+        """Add hypotheses that something else moved the object, sliding it by several lengths.
 
-    def _branch(self, window: Window, row: int) -> None:
-        """Add the hypotheses that something else moved the object, sliding it by several lengths, to one row."""
-        count = len(self._rows.age)
+        They are added to the likeliest one that has a new alarm.
+        """
+        rows, count = self._rows, len(self._rows.age)
+        is_watched = (rows.weight > WATCHED) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
+        alarmed = np.flatnonzero(is_watched & disturbance_alarms(window)).tolist()
+        if not alarmed:
+            return
+        row = alarmed[0]
         new, steps = np.arange(count, count + len(_SLIDES)), self._steps - max(self._steps - _BACK, 1)
         self._take([*range(count), *[row] * len(new)])
         window.disturb(new, steps, _SLIDES, _SPREAD)

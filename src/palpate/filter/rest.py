@@ -36,13 +36,9 @@ def measured_at_rest(
     the times [s], and measurements may have any time from then to the second, now. Raises EstimationError if there is
     no solution.
     """
-    whole, own.given, own.time = rows.whole_belief, [], times[-1]
-    poses: list[ObjectPose] = []
-    for one in timely(measurements, times):
-        if isinstance(one, ObjectPose):
-            poses.append(one)
-        elif isinstance(one, OwnMeasurement):
-            own.given.append((0, one))
+    whole, usable = rows.whole_belief, timely(measurements, times)
+    poses = [one for one in usable if isinstance(one, ObjectPose)]
+    own.given, own.time = [(0, one) for one in usable if isinstance(one, OwnMeasurement)], times[-1]
     prior = whole.inflated(monitor.displacement_covariance(rows))
     tested = replace(rows, belief=prior, unobservable_yaw=np.zeros_like(rows.unobservable_yaw))
     monitor.test_object_poses(tested, [prior.pose] * len(poses), poses)

@@ -43,7 +43,7 @@ from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.press_calibration import LEFT_OR_RIGHT
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker import with_correction
+from palpate.tracker import noise_of_unit
 from palpate.types.measurements import Measurement
 from palpate.types.recording import Recording
 
@@ -141,7 +141,7 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         raise FileError(f"the pushes are of several sensors, {', '.join(names)}; allowed is one")
     sensor, direction = pushes[0].recording.sensor, calibration.direction
     unit = calibrated(sensor, calibration)
-    noise = with_correction(NoiseSettings(), direction, unit.pixel_pitch_sigma)
+    noise = noise_of_unit(NoiseSettings(), replace(calibration, set_up=None), unit.pixel_pitch_sigma)
     bias = math.hypot(noise.priors.direction_bias[1], _MOUNTED)
     noise = replace(noise, priors=replace(noise.priors, direction_bias=(0.0, bias), outline_scale=(0.0, _OUTLINES)))
     before = np.array([*(getattr(noise.priors, one.name) for one in _SHARED), *_OUTSIDE])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Levels
 from palpate.checks import FLAGS, NUMBERS, checked_array
-from palpate.config import NoiseSettings, Normal
+from palpate.config import Normal
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, read_arrays, whole_file
 from palpate.touch.background import Background
@@ -88,13 +88,6 @@ class SetUp:
     """Indentation of the gel, with all constant errors along the push [m]."""
     outline_scale: Normal
     """Relative size error of outlines."""
-
-    def applied(self, noise: NoiseSettings) -> NoiseSettings:
-        """Return the settings with a calibrated robot's priors and set-up accuracy in place of the defaults."""
-        priors = replace(noise.priors, depth=self.depth, outline_scale=self.outline_scale)
-        # The rest of the mounting is in the depth and in the errors of directions.
-        pose = replace(noise.sensor_pose, calibration=(self.sideways[1], self.sideways[1], 0.0))
-        return replace(noise, priors=priors, sensor_pose=pose)
 
 
 @dataclass(frozen=True, eq=False)
