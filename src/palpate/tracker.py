@@ -84,16 +84,20 @@ class Tracker:
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return the parts of a copy or a pickle, which goes on as this tracker would; the two share nothing.
+    def __getstate__(self) -> bytes:
+        """Return the state of a copy or a pickle, which goes on as this tracker would; the two share nothing.
 
         Raises EstimationError if a touch or measurement of the user's own cannot be pickled.
         """
         try:
-            return _restored, (type(self), pickle.dumps(vars(self)))
+            return pickle.dumps(vars(self))
         except Exception as error:
             found = one_line(error)
             raise EstimationError(f"the tracker cannot be copied, since a part of it cannot be ({found})") from error
+
+    def __setstate__(self, state: bytes) -> None:
+        """Take the state of a tracker that was copied or pickled."""
+        vars(self).update(pickle.loads(state))
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.
@@ -216,12 +220,6 @@ class Tracker:
         if (status, reason) != (estimate.status, estimate.reason):
             return replace(estimate, status=status, reason=reason)
         return estimate
-
-
-def _restored(kind: type[Tracker], state: bytes) -> Tracker:
-    tracker = object.__new__(kind)
-    vars(tracker).update(pickle.loads(state))
-    return tracker
 
 
 @cache

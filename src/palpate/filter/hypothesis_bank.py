@@ -155,22 +155,22 @@ class HypothesisBank:
         if len(measurements) > from_touch:
             measurements = timely(measurements, times)
         step = Step(sensor_pose, measurements, from_touch, times)
-        begins = self._window is None
+        before = self._window
         try:
-            is_measured = self._begin_contact(step) if begins else self._continue_contact(step)
+            window, is_measured = self._begin_contact(step) if before is None else self._continue_contact(step, before)
         except EstimationError as error:
             reason = (
                 f"frame at {time:.3f} s: {error}; the likely reason is a motion that pushing, contact and touch "
                 "together leave undetermined, or a sensor pose far from the object"
             )
             self._window = None
-            if begins:
+            if before is None:
                 raise EstimationError(reason) from error
             logger.warning("%s; starting a new graph from the last pose", reason)
             self._abandon_contact(sensor_pose)
             self.contact_step(sensor_pose, measurements, time, from_touch)
             return
-        window, rows = self._in_window(), self._rows
+        rows = self._rows
         rows.belief, rows.age = window.belief(), rows.age + 1
         rows.disturbed_steps_left = np.maximum(rows.disturbed_steps_left - 1, 0)
         test_innovations(rows, window.rows["inconsistency"], is_alone=self._most == 1)
@@ -210,10 +210,10 @@ class HypothesisBank:
         self._begin_rest()
         self._is_indeterminate = True
 
-    def _begin_contact(self, step: Step) -> bool:
+    def _begin_contact(self, step: Step) -> tuple[Window, bool]:
         """Take the first frame of a contact in all hypotheses with which it may begin.
 
-        Returns True if poses of the object were measured, and tests them, as `_continue_contact` does.
+        Returns the window, and True if poses of the object were measured, and tests them, as `_continue_contact` does.
         """
         touch = step.measurements[: step.from_touch]
         is_measured = any(isinstance(one, ContactDirection) for one in touch)
@@ -236,19 +236,18 @@ class HypothesisBank:
         is_measured = any(isinstance(one, ObjectPose) for one in step.measurements)
         rows.hold_out_yaw(is_observable=is_measured or not is_round(self._model))
         known = self._factors, self._model, rows.belief
-        self._window = Window(*known, step, self._lag, self._settings.priors, rows.sign, self._own)
-        self._take(~self._window.rows["is_lost"])
-        return self._test_object_poses(step, self._rows.belief.pose[:, None])
+        self._window = window = Window(*known, step, self._lag, self._settings.priors, rows.sign, self._own)
+        self._take(~window.rows["is_lost"])
+        return window, self._test_object_poses(step, self._rows.belief.pose[:, None])
 
-    def _continue_contact(self, step: Step) -> bool:
+    def _continue_contact(self, step: Step, window: Window) -> tuple[Window, bool]:
         """Take the next frame of a contact in all hypotheses; see `_begin_contact`."""
-        window = self._in_window()
         is_measured = self._test_object_poses(step, window.object_path())
         spread = np.where(self._rows.disturbed_steps_left > 0, _SPREAD / math.sqrt(_BACK), 0.0)
         window.add(step, spread)
         self._take(~window.rows["is_lost"])
         self._is_indeterminate = False
-        return is_measured
+        return window, is_measured
 
     def _test_object_poses(self, step: Step, path: Array) -> bool:
         """Test measured poses of the object against the poses (B, N, 3) before this step; True if there are any."""
@@ -309,10 +308,6 @@ class HypothesisBank:
         self._rows.weight = self._rows.weight / self._rows.weight.sum()
         if self.is_mirrored:
             logger.warning("frame at %.3f s: %s", self._times[-1], _MIRRORED)
-
-    def _in_window(self) -> Window:
-        assert self._window is not None
-        return self._window
 
     def _take(self, rows: Indices) -> None:
         """Keep these hypotheses, in this order; one may be taken several times."""

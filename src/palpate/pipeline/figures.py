@@ -43,11 +43,9 @@ STATUS_COLOURS: dict[Status, str] = {
 @contextmanager
 def own_style(**settings: Any) -> Iterator[None]:
     """Draw with Matplotlib's defaults and some settings, whatever a matplotlibrc of the user says."""
-    import matplotlib as mpl
+    from matplotlib import style
 
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(settings)  # pyright: ignore[reportCallIssue, reportArgumentType]
+    with style.context(["default", settings]):
         yield
 
 

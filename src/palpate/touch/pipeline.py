@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.arrays import Image, Levels
 from palpate.config import TactileChoice
-from palpate.errors import EstimationError, SettingError
+from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
@@ -104,15 +104,13 @@ class TouchReader:
             return _true_turn(frame)
         if not self.reads_images:
             return ()
-        if frame.image is None or background is None:
-            raise EstimationError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
+        assert frame.image is not None and background is not None
         if self._mean is None:
             self._mean = reduced(background.mean)
         reading = self._model.read(difference_in_light(frame.image, self._mean))
         offset, scale = self._correction.offset / self._on_gel, self._correction.scale / self._on_gel
         found: list[Measurement] = []
-        for name in (each for each in ("direction", "place", "turn", "corner") if each in reading):
-            mean, variance, *more = reading[name]
+        for name, (mean, variance, *more) in reading.items():
             variance *= self._factors[name]
             if name == "direction":
                 found.append(ContactDirection((mean - offset) / scale, variance / scale**2))

@@ -85,10 +85,8 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     if sensor.pixel_pitch is None:
         raise FileError(f"a ruler measures images of a pad, and {sensor.name!r} has none")
     rows, columns = max(image.shape[0] // 10, 1), image.shape[1]
-    change = area_means(image, rows, columns).sum(axis=0) - area_means(calibration.background.mean, rows, columns).sum(
-        axis=0
-    )
-    profile = gaussian_filter1d(change, 0.008 * columns, axis=0, mode="constant")  # by two pixels of a DIGIT
+    seen, known = (area_means(each, rows, columns).sum(axis=0) for each in (image, calibration.background.mean))
+    profile = gaussian_filter1d(seen - known, 0.008 * columns, axis=0, mode="constant")  # by two pixels of a DIGIT
     alike = np.sum([np.correlate(channel, channel, "full")[columns - 1 :] for channel in profile.T], axis=0)
     alike *= 2.0 / max(alike[0], 1e-9)
     least, most = (round(length / (share * sensor.pixel_pitch)) for share in (MOST_PITCH, LEAST_PITCH))
