@@ -30,15 +30,7 @@ from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 from palpate.touch.background import first_frames
-from palpate.touch.calibration import (
-    LEAST_PITCH,
-    MOST_PITCH,
-    Calibration,
-    DirectionCorrection,
-    SetUp,
-    calibrated,
-    turned_as,
-)
+from palpate.touch.calibration import PITCHES, Calibration, DirectionCorrection, SetUp, calibrated, turned_as
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.press_calibration import LEFT_OR_RIGHT
@@ -192,7 +184,7 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     after[5, 0] = max(after[5, 0], 0.0)
     offset, scale, depth, outline, sideways, delay = map(tuple, after.tolist())
     factor = direction.scale * (1.0 + scale[0])
-    if not LEAST_PITCH < unit.shown / sensor.shown / factor < MOST_PITCH:
+    if not PITCHES[0] < unit.shown / sensor.shown / factor < PITCHES[1]:
         raise FileError(f"directions change by {factor:.2g} of what the pushes do: are the outlines in the right unit?")
     learnt = replace(
         calibration,

@@ -20,8 +20,8 @@ from palpate.types.images import AS_IT_IS, CameraView
 from palpate.types.sensor import SensorProfile
 
 VERSION = 7
-LEAST_PITCH, MOST_PITCH = 0.625, 1.6
-"""Pixel pitches that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
+PITCHES = 0.625, 1.6
+"""Least and greatest pixel pitch that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
 
 
 def views(size: tuple[int, ...], height: int, width: int) -> Iterator[CameraView]:
@@ -133,7 +133,7 @@ def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
     expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
     name = calibration.file or "the calibration"
     pitch, usual = calibration.pixel_pitch, sensor.pixel_pitch
-    if pitch and usual and not LEAST_PITCH * usual < pitch < MOST_PITCH * usual:
+    if pitch and usual and not PITCHES[0] * usual < pitch < PITCHES[1] * usual:
         scales = f"{1e-3 / pitch:.3g} px/mm; those of sensor {sensor.name!r} have about {1e-3 / usual:.3g}"
         return f"{name}: is of images of {scales}: was its ruler's length another?"
     if found == expected or not sensor.image_height:

@@ -7,9 +7,9 @@ import numpy as np
 from palpate.arrays import Image, Levels
 from palpate.errors import SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
-from palpate.touch.calibration import AS_IT_IS, Calibration, check_view, misfit
+from palpate.touch.calibration import Calibration, check_view, misfit
 from palpate.touch.cells import SPARSE, cells_of, check_image, compare, is_flat, is_grey, wide_cells_of
-from palpate.types.images import scaled
+from palpate.types.images import AS_IT_IS, scaled
 from palpate.types.sensor import SensorProfile
 
 START = 0.01

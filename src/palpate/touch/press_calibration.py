@@ -19,21 +19,12 @@ from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError
 from palpate.files import numbers_of, read_table, table_columns
 from palpate.touch.background import background_of
-from palpate.touch.calibration import (
-    AS_IT_IS,
-    LEAST_PITCH,
-    MOST_PITCH,
-    Calibration,
-    CameraView,
-    DirectionCorrection,
-    calibrated,
-    views,
-)
+from palpate.touch.calibration import PITCHES, Calibration, DirectionCorrection, calibrated, views
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import START, ContactDetector
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
-from palpate.types.images import read_image
+from palpate.types.images import AS_IT_IS, CameraView, read_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
@@ -89,7 +80,7 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     profile = gaussian_filter1d(seen - known, 0.008 * columns, axis=0, mode="constant")  # by two pixels of a DIGIT
     alike = np.sum([np.correlate(channel, channel, "full")[columns - 1 :] for channel in profile.T], axis=0)
     alike *= 2.0 / max(alike[0], 1e-9)
-    least, most = (round(length / (share * sensor.pixel_pitch)) for share in (MOST_PITCH, LEAST_PITCH))
+    least, most = (round(length / (share * sensor.pixel_pitch)) for share in reversed(PITCHES))
     least, most = max(least, 1), min(most, round(0.9 * columns))  # columns between two imprints
     if most - least < 2:
         found = f"a ruler of {1e3 * length:g} mm is not what an image of {sensor.name!r} shows"
@@ -223,7 +214,7 @@ def learn_from_presses(
         found = f"found presses within {np.degrees(np.ptp(fit.angle)):.1f} degrees"
         raise FileError(f"{found}, less than noise can tell left from right by; add some farther apart")
     scale, usual = fit.calibration.direction.scale, calibrated(sensor, fit.calibration).shown / sensor.shown
-    if not LEAST_PITCH < usual / scale < MOST_PITCH:
+    if not PITCHES[0] < usual / scale < PITCHES[1]:
         raise FileError(
             f"directions change by {scale:.2g} of what the presses do, as if an image showed {usual / scale:.2g} times "
             f"what one of {sensor.name!r} does: are angles in degrees and places in mm?"
