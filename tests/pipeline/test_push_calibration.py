@@ -77,7 +77,7 @@ def test_pushes_that_do_not_go_together_are_refused(begun):
     with pytest.raises(FileError, match="another"):
         learn_from_pushes([*other, as_read(pad)], GEL)
     with pytest.raises(FileError, match="has no images"):
-        read_push(begun[0], shipped_model("DIGIT"), None)
+        read_push(begun[0], shipped_model("DIGIT"), GEL)
 
 
 def test_mirrored_images_are_named(begun):

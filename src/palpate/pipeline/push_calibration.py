@@ -26,7 +26,6 @@ from palpate.graph.contact_geometry import contact_model
 from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, LAG, OUTLINE_SCALE
 from palpate.graph.window import Window
-from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 from palpate.touch.background import first_frames
@@ -78,13 +77,11 @@ class Push(NamedTuple):
     """Those of each frame."""
 
 
-def read_push(recording: Recording, model: TouchModel, calibration: Calibration | None) -> Push:
+def read_push(recording: Recording, model: TouchModel, calibration: Calibration) -> Push:
     """Return a push as touch reads it; raises FileError if it has no images or shows no contact."""
     name = recording.file or "the recording"
     if recording.image is None:
         raise FileError(f"{name}: has no images, and a calibration by pushes reads touch from them")
-    if calibration is None:
-        calibration = release_after_start(recording, *first_pose_of(recording, NoiseSettings()), "learnt")
     sensor = turned_as(recording.sensor, calibration)
     detector, touch = ContactDetector(sensor, calibration), TouchReader("learnt", sensor, model, calibration)
     contact, measurements = [False], []

@@ -110,7 +110,8 @@ class TouchReader:
         reading = self._model.read(difference_in_light(frame.image, self._mean))
         offset, scale = self._correction.offset / self._on_gel, self._correction.scale / self._on_gel
         found: list[Measurement] = []
-        for name, (mean, variance, *more) in reading.items():
+        for name in (each for each in ("direction", "place", "turn", "corner") if each in reading):
+            mean, variance, *more = reading[name]
             variance *= self._factors[name]
             if name == "direction":
                 found.append(ContactDirection((mean - offset) / scale, variance / scale**2))
