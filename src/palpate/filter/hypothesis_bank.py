@@ -152,9 +152,7 @@ class HypothesisBank:
         if a graph has none at its first frame; the next frame then begins another.
         """
         times = [*self._times, time]
-        if len(measurements) > from_touch:
-            measurements = timely(measurements, times)
-        step = Step(sensor_pose, measurements, from_touch, times)
+        step = Step(sensor_pose, timely(measurements, times), from_touch, times)
         before = self._window
         try:
             window, is_measured = self._begin_contact(step) if before is None else self._continue_contact(step, before)

@@ -41,11 +41,10 @@ logger = logging.getLogger(__name__)
 _SLACK = 0.02  # [s] tolerance on a measurement's time
 _NO_POSE = 12 * (0.0,)  # pose and root of a term that has none
 
-_PUSHING, _OTHERS = (
-    "sticking balance friction_cone",
-    "first_pose sensor_pose contact direction place turn corner object_pose",
+NAMES = (
+    *("sticking", "balance", "friction_cone"),
+    *("first_pose", "sensor_pose", "contact", "direction", "place", "turn", "corner", "object_pose", "own"),
 )
-NAMES = (*_PUSHING.split(), *_OTHERS.split(), "own")
 """Names of the factors. Those of pushing come first: they hold only while nothing but the sensor moves the object.
 Every step but the first has those of pushing, every step those of sensor pose and contact, and the first step of a
 contact that of the first pose; the others are of measurements that arrive."""

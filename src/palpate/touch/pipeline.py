@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.arrays import Image, Levels
 from palpate.config import TactileChoice
-from palpate.errors import SettingError
+from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
@@ -104,7 +104,8 @@ class TouchReader:
             return _true_turn(frame)
         if not self.reads_images:
             return ()
-        assert frame.image is not None and background is not None
+        if frame.image is None or background is None:
+            raise EstimationError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         if self._mean is None:
             self._mean = reduced(background.mean)
         reading = self._model.read(difference_in_light(frame.image, self._mean))
