@@ -9,13 +9,14 @@ V(theta) = sin(h) / h R(h), and sin(h) / h is accurate for every h but zero.
 """
 
 import math
-from typing import Any, overload
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
 
+Angle = TypeVar("Angle", float, Array)
 Sigmas = tuple[float, float, float]
 """Standard deviations of a pose or of a motion [m, m, rad]."""
 
@@ -24,16 +25,12 @@ _TINY = 1e-300
 _SERIES_BELOW = 0.1  # [rad]; here the series below are exact to rounding and the closed forms lose three digits
 
 
-@overload
-def wrap(angle: float) -> float: ...
-@overload
-def wrap(angle: Array) -> Array: ...
-def wrap(angle: Any) -> Any:
+def wrap(angle: Angle) -> Angle:
     """Return the same angle [rad] in (-pi, pi], without rounding where the angle is already there."""
     if isinstance(angle, float):
         wrapped = math.remainder(angle, _TAU)
         return math.pi if wrapped == -math.pi else wrapped
-    rest = np.fmod(np.asarray(angle, dtype=np.float64), _TAU)
+    rest: Any = np.fmod(np.asarray(angle, dtype=np.float64), _TAU)
     return rest - _TAU * (rest > math.pi) + _TAU * (rest <= -math.pi)
 
 
@@ -118,7 +115,7 @@ def interpolated(when: Array | float, time: Array, pose: Array) -> Array:
 
     Before the first and after the last, these.
     """
-    columns = [np.interp(when, time, column) for column in (*pose[:, :2].T, np.unwrap(pose[:, 2]))]
+    columns: list[Any] = [np.interp(when, time, column) for column in (*pose[:, :2].T, np.unwrap(pose[:, 2]))]
     return np.stack((columns[0], columns[1], wrap(columns[2])), axis=-1)
 
 
