@@ -262,7 +262,9 @@ class HypothesisBank:
         They are added to the likeliest one that has a new alarm.
         """
         rows, count = self._rows, len(self._rows.age)
-        is_watched = (rows.weight > WATCHED) & (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
+        # A contradiction of the less likely way to read images speaks against it, not for a disturbance.
+        is_watched = (rows.weight > WATCHED) & (rows.sign == rows.sign[0])
+        is_watched &= (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
         alarmed = np.flatnonzero(is_watched & disturbance_alarms(window)).tolist()
         if not alarmed:
             return
