@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {
-    "lines of the product": 12910,  # goal 12000
+    "lines of the product": 12390,  # goal 12000
     "lines of the laboratory": 6000,  # goal 6000
     "files in src": 122,
     "lines of tests": 14160,
