@@ -56,7 +56,7 @@ def first_frames(rate: float) -> int:
 
 
 class SteadyImages:
-    """Background of the first half second of images that are alike and show a gel: not black, nor of one level."""
+    """Background of the first half second of images that are alike and show a gel: not black, nor of one level to the pixel."""
 
     def __init__(self, rate: float) -> None:
         self._needed = first_frames(rate)
@@ -73,7 +73,7 @@ class SteadyImages:
     def add(self, image: Image) -> Background | None:
         """Add an image (height, width, 3); return the background once there are enough, then start again."""
         self._count += 1
-        if is_dark(image) or is_flat(cells_of(image)):
+        if is_dark(image) or is_flat(image):
             return None
         if self.seen and not _are_alike(image, self.seen[0]):
             self.seen = []  # something moves, or the light is still coming on
