@@ -56,7 +56,7 @@ def first_frames(rate: float) -> int:
 
 
 class SteadyImages:
-    """Background of the first half second of images that are alike and show a gel: not black, nor of one level to the pixel."""
+    """Background of the first half second of images that are alike and show a gel: not black, nor one level."""
 
     def __init__(self, rate: float) -> None:
         self._needed = first_frames(rate)
