@@ -280,7 +280,7 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
 def noise_of_unit(
     noise: NoiseSettings, calibration: Calibration | None, pitch_sigma: float, set_up_sigma: ArrayLike | None = None
 ) -> NoiseSettings:
-    """Return the settings with what is known of a sensor unit and its set-up in place of the defaults.
+    """Return the noise settings of a sensor unit: its calibration and the accuracy of its set-up replace the defaults.
 
     `pitch_sigma` is the deviation of the pixel pitch of units without a calibration, as a share of it.
     """
