@@ -10,7 +10,7 @@ import pytest
 import palpate
 
 COMMANDS = (
-    *("demo", "info", "track", "live", "convert", "simulate", "calibrate", "train", "evaluate", "tune", "view"),
+    *("demo", "info", "track", "live", "convert", "simulate", "calibrate", "train", "evaluate", "tune"),
     *("truth-print", "truth-camera", "truth"),
 )
 HEAVY = (

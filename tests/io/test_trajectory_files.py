@@ -1,5 +1,6 @@
 """Trajectories on disk: TUM and estimates.csv."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 from recording_samples import trajectory
 
 from palpate import FileError, Trajectory
-from palpate.io.estimates import read_estimates_csv, write_estimates_csv, write_tum
+from palpate.io.estimates import write_estimates_csv, write_tum
 
-COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status"  # and reason, since it was added
+COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status,reason"
 
 
 def test_tum_lines_are_as_the_format_has_them(tmp_path):
@@ -26,13 +27,12 @@ def test_csv_round_trip_is_exact(tmp_path):
     path, made = tmp_path / "a.csv", trajectory()
     made = replace(made, reason=('frozen; it may have moved, "or not"', *[""] * (len(made) - 1)))
     write_estimates_csv(made, path)
-    found = read_estimates_csv(path)
-    for name in ("time", "pose", "contact"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
-    # Six terms are kept; the two triangles of the product above differ in the last bit.
-    upper = np.triu(made.covariance)
-    np.testing.assert_array_equal(found.covariance, upper + np.triu(upper, 1).transpose(0, 2, 1))
-    assert (found.status, found.reason) == (made.status, made.reason)
+    with path.open(encoding="utf-8", newline="") as file:
+        found = list(csv.DictReader(file))
+    numbers = np.array([[float(row[name]) for name in COLUMNS.split(",")[:11]] for row in found])
+    upper = made.covariance[:, *np.triu_indices(3)]
+    np.testing.assert_array_equal(numbers, np.column_stack([made.time, made.pose, upper, made.contact]))
+    assert tuple(row["status"] for row in found) == made.status and tuple(row["reason"] for row in found) == made.reason
 
 
 def test_csv_header_and_terms(tmp_path):
@@ -40,29 +40,4 @@ def test_csv_header_and_terms(tmp_path):
     terms = np.array([[[1, 2, 3], [2, 4, 5], [3, 5, 6.0]]])
     made = Trajectory(np.array([0.1]), np.array([[7, 8, 9.0]]), terms, np.array([True]), ("ok",), ("",))
     write_estimates_csv(made, path)
-    assert path.read_text() == f"{COLUMNS},reason\n0.1,7.0,8.0,9.0,1.0,2.0,3.0,4.0,5.0,6.0,1,ok,\n"
-
-
-GOOD = "0,0,0,0,1,0,0,1,0,1,1,ok"
-
-
-@pytest.mark.parametrize(
-    ("rows", "message"),
-    [
-        (
-            GOOD.removesuffix(",ok"),
-            f"line 2: found '{GOOD.removesuffix(',ok')}', expected 12 columns",
-        ),
-        ("0,0,0,x,1,0,0,1,0,1,1,ok", "line 2: found '0,0,0,x"),
-        ("0,0,0,0,1,0,0,1,0,1,maybe,ok", "line 2: found .* contact 1 or 0"),
-        ("0,0,0,0,1,,,1,,1,1,ok", "line 2: found .* six terms of a covariance"),
-        (f"{GOOD}\n0", "line 3: found '0'"),
-        (f"{GOOD}\n{GOOD}", "time: frame 1 repeats"),
-        ("", "holds no estimates"),
-    ],
-)
-def test_csv_bad_content(tmp_path, rows, message):
-    path = tmp_path / "a.csv"
-    path.write_text(COLUMNS + "\n" + rows)
-    with pytest.raises(FileError, match=message):
-        read_estimates_csv(path)
+    assert path.read_text() == f"{COLUMNS}\n0.1,7.0,8.0,9.0,1.0,2.0,3.0,4.0,5.0,6.0,1,ok,\n"

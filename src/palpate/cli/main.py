@@ -16,7 +16,7 @@ import tyro
 
 from palpate import __version__
 from palpate.cli.console import complain
-from palpate.cli.recordings import calibrate, convert, info, view
+from palpate.cli.recordings import calibrate, convert, info
 from palpate.cli.track import demo, live, track, warm_up
 from palpate.errors import PalpateError, SettingError, printable
 
@@ -33,7 +33,7 @@ def commands() -> dict[str, Any]:
     lab = import_module("palpate.lab.commands")
     found = (
         *(demo, info, track, live, convert, lab.simulate, calibrate, lab.train, lab.paper, lab.evaluate, lab.tune),
-        *(view, lab.truth_print, lab.truth_camera, lab.truth, warm_up),
+        *(lab.truth_print, lab.truth_camera, lab.truth, warm_up),
     )
     return {command.__name__.replace("_", "-"): command for command in found}
 

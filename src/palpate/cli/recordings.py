@@ -1,4 +1,4 @@
-"""`palpate info`, `convert`, `view` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
+"""`palpate info`, `convert` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
 
 import math
 from dataclasses import asdict
@@ -69,31 +69,6 @@ def convert(
         found = bag.read(source).recording
         palpate.write_recording(found, target, overwrite=force)
     return Report(target.name, {"in": str(source), "out": str(target), "frames": len(found)})
-
-
-def view(
-    folder: Annotated[Path, arg("RUN")],
-    /,
-    *,
-    save: Annotated[Path | None, arg("FILE.html", "RUN/page.html")] = None,
-    force: Force = False,
-) -> Report:
-    """Write the page of a run, as palpate track --html does: the push with a slider over time, in any browser.
-
-    Example: palpate view runs/push
-
-    Args:
-        folder: Folder of a run.
-        save: File to write.
-    """
-    from palpate.pipeline.run_folder import PAGE, read_run
-    from palpate.viewer.page import write_page
-
-    file = save or folder / PAGE
-    new_file(file, force)
-    with progress_bar(f"drawing {folder.name}"):
-        write_page(read_run(folder), file, force)
-    return Report("view", {"file": str(file)})
 
 
 def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:

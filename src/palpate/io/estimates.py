@@ -15,15 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from palpate.checks import checked_times
-from palpate.errors import FileError
-from palpate.files import in_file, numbers_of, read_table, whole_file
+from palpate.files import whole_file
 from palpate.io import ros_messages as ros
 from palpate.types.estimate import Estimate, Trajectory
 from palpate.types.space import Plane, spatial_covariance
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
-COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status")
+COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status", "reason")
 UPPER = np.triu_indices(3)
 
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
@@ -76,25 +74,6 @@ def write_estimates_csv(data: Trajectory, path: Path) -> None:
     table = np.column_stack([data.time, data.pose, data.covariance[:, UPPER[0], UPPER[1]]])
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*COLUMNS, "reason"])
+        writer.writerow(COLUMNS)
         for row, contact, *words in zip(table.tolist(), data.contact, data.status, data.reason, strict=True):
             writer.writerow([*map(repr, row), int(contact), *words])
-
-
-def read_estimates_csv(path: Path) -> Trajectory:
-    """Read estimates. Raises FileError that names the line."""
-    lines, rows = read_table(path, COLUMNS, optional="reason"), []
-    if not lines:
-        raise FileError(f"{path}: holds no estimates")
-    for number, line in lines:
-        if (row := numbers_of(line[:11])) is None or line[10] not in ("0", "1"):
-            raise FileError(
-                f"{path}: line {number}: found {','.join(line)[:80]!r}, expected a time, a pose, the six terms of a "
-                "covariance, contact 1 or 0, and a status"
-            )
-        rows.append(row)
-    table, covariance = np.array(rows), np.zeros((len(rows), 3, 3))
-    covariance[:, UPPER[0], UPPER[1]] = covariance[:, UPPER[1], UPPER[0]] = table[:, 4:10]
-    with in_file(path):
-        status, reason = zip(*(line[11:] for _, line in lines), strict=True)
-        return Trajectory(checked_times(table[:, 0]), table[:, 1:4], covariance, table[:, 10] == 1, status, reason)

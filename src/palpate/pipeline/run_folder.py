@@ -8,18 +8,11 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
 import palpate
-from palpate.checks import NUMBERS, checked_array
-from palpate.config import TrackerSettings
 from palpate.errors import FileError
-from palpate.files import in_file, read_json
-from palpate.io import load_recording
-from palpate.io.estimates import read_estimates_csv, write_estimates_csv, write_estimates_mcap, write_tum
+from palpate.io.estimates import write_estimates_csv, write_estimates_mcap, write_tum
 from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.figures import drawing, run_figure
-from palpate.pipeline.metrics import summarise
 from palpate.pipeline.track import Run
 from palpate.types.space import Plane
 
@@ -82,31 +75,3 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         write_recording(run.recording, folder / RECORDING)
     for name, data in (("settings.json", settings), (SUMMARY, run.summary)):  # last of all: a folder with both is whole
         (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def read_run(folder: Path) -> Run:
-    """Return a run as a page shows it, without other answers. Raises FileError."""
-    file = folder / "settings.json"
-    if not file.exists():
-        raise FileError(f"{folder}: is no run of palpate track: there is no settings.json in it")
-    settings, online = read_json(file), read_estimates_csv(folder / "estimates.csv")
-    with in_file(file):
-        first, sigma = (
-            checked_array(each, settings.get(each), NUMBERS, (3,)) for each in ("first_pose", "first_pose_sigma")
-        )
-        if not isinstance(name := settings.get("recording"), str):
-            raise FileError(f"recording is {name!r}, expected the name of a file")
-    recording = load_recording(folder / name)
-    written = read_json(folder / SUMMARY)
-    if written.get("ended"):
-        recording = recording.until(len(online))
-    if not np.array_equal(online.time, recording.time):
-        raise FileError(
-            f"{folder}: its {len(online)} estimates are not of the {len(recording)} frames of {recording.file}, "
-            "which is another recording now; track it again"
-        )
-    truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
-    summary = summarise(online, truth, step_ms := np.zeros(len(online)))
-    summary["innovations"] = written.get("innovations", {})
-    known = TrackerSettings(), None, None, first, sigma
-    return Run(recording, *known, online, ((),) * len(online), step_ms, truth, summary)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import FileError
-from palpate.files import whole_file
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.figures import ESTIMATE, OTHERS, draw_moment, millimetres, outline_at, own_style, run_figure
 from palpate.pipeline.track import Run
@@ -45,8 +44,8 @@ show();
 
 
 @own_style()
-def write_page(run: Run, path: Path, overwrite: bool = False) -> None:
-    """Write the page of a run, whole or not at all; FileError if it exists, unless `overwrite`."""
+def write_page(run: Run, path: Path) -> None:
+    """Write the page of a run."""
     from PIL import Image
 
     encoded: list[str] = []
@@ -54,9 +53,8 @@ def write_page(run: Run, path: Path, overwrite: bool = False) -> None:
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "WEBP", quality=60)
         encoded.append(f"data:image/webp;base64,{base64.b64encode(data.getvalue()).decode()}")
-    with whole_file(path, overwrite) as part:
-        page = PAGE.replace("INNOVATIONS", table(run.summary["innovations"]))
-        part.write_text(page.replace("PICTURES", json.dumps(encoded)), encoding="utf-8")
+    page = PAGE.replace("INNOVATIONS", table(run.summary["innovations"]))
+    path.write_text(page.replace("PICTURES", json.dumps(encoded)), encoding="utf-8")
 
 
 def table(scores: Mapping[str, Mapping[str, float | None]]) -> str:
