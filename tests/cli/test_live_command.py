@@ -305,23 +305,8 @@ def test_a_camera_that_cannot_be_used(camera, fails):
     assert "cannot be opened: another program" in fails(*words)
     assert camera.released == 2
     Path("video0").unlink()
-    assert "video0 fits 0 of the cameras that are connected" in fails(*words)
-
-
-def test_cameras_are_found_by_serial(camera, fails, run_palpate, tmp_path, monkeypatch):
-    links = tmp_path / "by-id"
-    links.mkdir()
-    monkeypatch.setattr("palpate.live.camera.BY_ID", links)
-    for name in ("D20001-video-index0", "D20001-video-index1", "D20002-video-index0"):
-        (links / f"usb-DIGIT_{name}").touch()
-
-    def words(name: str) -> tuple[str, ...]:
-        return ("live", "--camera", name, "--poses", f"udp:{free_port()}", *OBJECT, "--seconds", "0.1")
-
-    assert "camera D2 fits 2 of the cameras that are connected: usb-DIGIT_D20001" in fails(*words("D2"))
-    assert "camera D3 fits 0 of" in fails(*words("D3"))
-    assert "/dev/video97 fits 0 of" in fails(*words("97"))
-    assert run_palpate(*words("D20002"))[0] == 0 and camera.opened == 1
+    assert "video0 cannot be opened: there is none" in fails(*words)
+    assert "/dev/video97 cannot be opened: there is none" in fails(*words[:4], "97", *words[5:])
 
 
 def test_options_of_a_camera_that_do_not_go_together(camera, fails):

@@ -130,7 +130,7 @@ def warm_up() -> Report:
 
 def live(
     *,
-    camera: Annotated[str | None, arg("SERIAL|N|PATH", "none; or --replay")] = None,
+    camera: Annotated[str | None, arg("N|PATH", "none; or --replay")] = None,
     poses: Annotated[str | None, arg("udp:PORT", "none; --camera needs it")] = None,
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
     record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
@@ -144,7 +144,7 @@ def live(
 
     A line shows status and pose; images that arrive faster than they are tracked are dropped and counted.
 
-    Example: palpate live --camera D20001 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
+    Example: palpate live --camera 0 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 
     Args:
         camera: Camera of a DIGIT, or a video or a folder of images in its place.

@@ -1,4 +1,4 @@
-"""A camera of this computer, found by number, path or serial; or a video, or a folder of images, in its place."""
+"""A camera of this computer, by number or path; or a video, or a folder of images, in its place."""
 
 import os
 import threading
@@ -18,22 +18,20 @@ from palpate.types.images import CameraView, camera_view, scaled
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses, Placement
 
-BY_ID = Path("/dev/v4l/by-id")
-"""Folder in which Linux lists cameras by serial."""
 Pictures: TypeAlias = Generator[tuple[float, Any]]
 """Times on the session's clock [s], and pixels as OpenCV has them, None for a damaged image."""
 
 
 @contextmanager
 def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Placement) -> Iterator[Sources]:
-    """Open a camera (number, path or serial), or a video or folder in its place, and a source of poses.
+    """Open a camera (number or path), or a video or folder in its place, and a source of poses.
 
     Raises SettingError if camera or source are missing.
     """
-    now, path = clock_from(time()), Path(name)
+    now, path = clock_from(time()), Path(f"/dev/video{name}" if name.isdecimal() else name)
     now()
     is_film = path.is_dir() or path.is_file()
-    rate, pictures = film(path, sensor, now) if is_film else camera(camera_path(name), sensor, now)
+    rate, pictures = film(path, sensor, now) if is_film else camera(path, sensor, now)
 
     def images(stop: threading.Event) -> Iterator[TouchImage | str]:
         for when, pixels in islice(pictures, 0 if is_film else 5, None):  # without old ones, in the driver's buffer
@@ -73,7 +71,8 @@ def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictur
     found, begin = pictures(), now()
     times = [when for when, _ in takewhile(lambda picture: picture[0] < begin + 1.0, found)]
     if len(times) < 2:
-        raise SettingError(f"camera {path} cannot be opened: another program may use it, or it gives no images")
+        cause = "another program may use it, or it gives no images" if path.exists() else "there is none"
+        raise SettingError(f"camera {path} cannot be opened: {cause}")
     return (len(times) - 1) / (times[-1] - times[0]), found
 
 
@@ -115,20 +114,3 @@ def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
     if not orientation and (pixels.shape[0] < pixels.shape[1]) != (size[0] < size[1]):
         view = CameraView(1)
     return scaled(view.of(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)), size)
-
-
-def camera_path(name: str) -> Path:
-    """Return the device of a camera given by number, path, serial or part of a serial.
-
-    Raises SettingError, listing the cameras there are, if the name fits none of them or several.
-    """
-    if name.isdecimal() and len(name) <= 2:
-        name = f"/dev/video{name}"
-    links = sorted(BY_ID.glob("*-video-index0"))  # further links of a camera are metadata
-    found = [link for link in links if name in link.name]
-    if name.startswith("/"):
-        found = [Path(name)] if Path(name).exists() else []
-    if len(found) != 1:
-        names = ", ".join(f"{link.name} ({link.resolve()})" for link in links) or "none"
-        raise SettingError(f"camera {name} fits {len(found)} of the cameras that are connected: {names}")
-    return found[0]
