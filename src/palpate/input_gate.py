@@ -31,7 +31,7 @@ from palpate.types.space import gel_pose
 logger = logging.getLogger(__name__)
 
 _NEAR, _INSIDE = 3.0, 5e-3  # [standard deviations] and [m] of clearance: may touch, and touches for sure
-_DRAWN_BACK = 5e-3  # [m] by which a sensor in contact can draw back from its farthest point, since it cannot pull
+DRAWN_BACK = 5e-3  # [m] by which a sensor in contact can draw back from its farthest point, since it cannot pull
 _FARTHEST_POSE = np.array([1e4, 1e4, FARTHEST])  # [m, m, rad]
 
 
@@ -103,8 +103,8 @@ class InputGate:
         elif reads_images and contact:
             raise FrameError(f"{when} has no image, and learnt touch needs one")
         self.paused = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
-        has_drawn_back = self._poses.drawn_back > _DRAWN_BACK
-        unseen = max(self.hidden_motion, _DRAWN_BACK if has_drawn_back else 0.0)
+        has_drawn_back = self._poses.drawn_back > DRAWN_BACK
+        unseen = max(self.hidden_motion, DRAWN_BACK if has_drawn_back else 0.0)
         self.unobserved_push = self._poses.pushed if self.paused else unseen
         self.touches_since_start, self.hidden_motion = touches_since_start, self._poses.hidden
         if image is not None and has_drawn_back:

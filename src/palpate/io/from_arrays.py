@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Flags, Image
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError
 from palpate.files import existing_file, in_file
 from palpate.types import space
 from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
@@ -140,7 +139,9 @@ def planar_recording(
         image = encoded_images(*images, np.flatnonzero(keep).tolist(), size, placement.orientation, codec)
     placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
     if placement.plane == "fit":
-        touching = _touched(image or (), sensor) if contact is None else contact
+        from palpate.touch.contact_detector import touched
+
+        touching = touched(image or (), sensor) if contact is None else contact
         plane = space.plane_through(what, frame, placed.position[touching if touching.any() else ...])
     else:
         plane = space.plane_across(frame, np.array(placement.plane, np.float64), placed.position)
@@ -170,16 +171,3 @@ def planar_recording(
         time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, contact=contact, image=image, **fields
     )
     return recording, plane
-
-
-def _touched(images: Sequence[bytes], sensor: SensorProfile) -> Flags:
-    """Return flags of images in which the gel looks touched."""
-    from palpate.touch.contact_detector import ContactDetector
-
-    detector, size, flags = ContactDetector(sensor), (sensor.image_height, sensor.image_width), []
-    for image in images:
-        touched = False
-        with suppress(FileError, SettingError):
-            touched = detector.update(detector.read(decode_image(image, size)))
-        flags.append(touched)
-    return np.array(flags, np.bool_)

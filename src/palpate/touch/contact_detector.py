@@ -1,15 +1,17 @@
 """Contact detection: the share of an image that differs from the untouched gel (paper Sec. V-A)."""
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from palpate.arrays import Image, Levels
-from palpate.errors import SettingError
+from palpate.arrays import Flags, Image, Levels
+from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
-from palpate.touch.calibration import Calibration, check_view, misfit
+from palpate.touch.calibration import Calibration, check_view, misfit, turned_as
 from palpate.touch.cells import SPARSE, cells_of, check_image, compare, is_flat, is_grey, wide_cells_of
-from palpate.types.images import AS_IT_IS, scaled
+from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
 START = 0.01
@@ -185,3 +187,14 @@ class ContactDetector:
 def _colour(cells: Levels) -> float:
     """Return the mean difference between channels [grey levels]."""
     return float(np.ptp(cells, axis=-1).mean())
+
+
+def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:
+    """Return flags of encoded images in which the gel is touched; it is not in one that is damaged or shows no gel."""
+    detector = ContactDetector(turned_as(sensor, calibration), calibration)
+    size = sensor.image_height, sensor.image_width
+    flags = np.zeros(len(images), np.bool_)
+    for index, image in enumerate(images):
+        with suppress(FileError, SettingError):
+            flags[index] = detector.update(detector.read(decode_image(image, size)))
+    return flags

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Array, Flags, Image
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse
 from palpate.graph.contact_geometry import contact_model
@@ -18,7 +18,7 @@ from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, misfit, turned_as
-from palpate.touch.contact_detector import ContactDetector
+from palpate.touch.contact_detector import touched
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import LEVELS, Difference, reduced
 from palpate.types.recording import Recording, contact_flags
@@ -171,20 +171,11 @@ def with_contact(recording: Recording, calibration: Calibration | None = None) -
         return recording
     if calibration is None and recording.first_pose is not None and recording.first_pose_sigma is not None:
         calibration = release_after_start(recording, recording.first_pose, recording.first_pose_sigma, "learnt")
-    detector = ContactDetector(turned_as(recording.sensor, calibration), calibration)
-    contact = np.array([_is_touched(detector, recording, index) for index in range(len(recording))])
+    contact = touched(recording.image or (), recording.sensor, calibration)
     if not contact.any():
         gap = recording.sensor.gaps(recording.sensor_pose, np.asarray(recording.object_pose), recording.shape)
         contact = contact_flags(gap, touch=1.5e-3, release=2e-3)  # [m] as robot and motion capture agree
     return replace(recording, contact=contact)
-
-
-def _is_touched(detector: ContactDetector, recording: Recording, index: int) -> bool:
-    try:
-        image = recording[index].image
-        return image is not None and detector.update(detector.read(image))
-    except (FileError, SettingError):  # damaged, or without any gel
-        return False
 
 
 def gel_at_rest(
