@@ -10,6 +10,9 @@ from planar import compose
 import palpate
 from palpate import POINT, Disc, Recording, Rectangle, SensorProfile, Shape, Trajectory
 
+UNSTATED: Any = {"first_pose": None, "first_pose_sigma": None}
+"""What a copy of a recording needs in order not to keep its first pose."""
+BLIND: Any = {"object_pose": None, **UNSTATED}
 TINY_CAMERA = SensorProfile(name="tiny", radius=0.01, image_height=12, image_width=8)
 
 

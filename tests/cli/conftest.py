@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recording_samples import pushed
+from recording_samples import BLIND, pushed
 
 from palpate import write_recording
 
@@ -18,7 +18,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_figures: None) ->
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     write_recording(pushed(), "push.mcap")
-    write_recording(replace(pushed(), object_pose=None), "blind.mcap")
+    write_recording(replace(pushed(), **BLIND), "blind.mcap")
     return tmp_path
 
 

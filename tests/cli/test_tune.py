@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import BLIND, pushed
 
 import palpate
 
@@ -71,7 +71,7 @@ def test_a_tuning_is_continued_from_its_file(tune, fails):
 
 def test_recordings_that_cannot_be_used_are_named_and_the_others_used(tune):
     Path("all/broken.mcap").write_text("no")
-    palpate.write_recording(replace(pushed(), object_pose=None), "all/blind.mcap")
+    palpate.write_recording(replace(pushed(), **BLIND), "all/blind.mcap")
     palpate.write_recording(replace(pushed(), contact=np.zeros(40, np.bool_)), "all/apart.mcap")
     code, out, err = tune(*WORDS, "--evaluations", "1", "--json")
     left_out = json.loads(out)["left_out"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recording_samples import pushed
+from recording_samples import BLIND, pushed
 
 import palpate
 from palpate.pipeline.figures import run_figure
@@ -40,7 +40,7 @@ def test_a_figure_shows_paths_errors_and_contact(tracked):
 
 
 def test_a_run_without_truth_shows_sigma(tracked):
-    blind = replace(tracked.recording, object_pose=None)
+    blind = replace(tracked.recording, **BLIND)
     figure = run_figure(palpate.track(blind, first_pose=tracked.first_pose))
     assert figure.axes[1].get_ylabel() == "translation 1 sigma [mm]"
     assert "no ground truth" in figure.get_suptitle() and not {"truth", "error"} & legend(figure)

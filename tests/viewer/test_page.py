@@ -13,7 +13,7 @@ import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
-from recording_samples import pushed
+from recording_samples import BLIND, pushed
 from view_samples import FIRST, FRAMES, LAST, imaged_push
 
 import palpate
@@ -84,7 +84,7 @@ def test_the_slider_shows_another_picture(written, browser):
 
 
 def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
-    palpate.write_recording(replace(pushed(10), object_pose=None), tmp_path / "blind.mcap")
+    palpate.write_recording(replace(pushed(10), **BLIND), tmp_path / "blind.mcap")
     words = ("track", tmp_path / "blind.mcap", "--html", "--first-pose", 0, 0, 3, "--out", tmp_path / "run")
     assert command(*words) == 0
     page = tmp_path / "run" / "page.html"

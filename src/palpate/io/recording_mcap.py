@@ -56,7 +56,7 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     stamps = ros.nanoseconds(path, recording.time)
     plane, truth = flat(), recording.object_pose
     about = {"source": recording.source}
-    for name in ("set_up_sigma",) if recording.first_pose_derived else POSES:
+    for name in POSES:
         if (value := getattr(recording, name)) is not None:
             about[name] = json.dumps(value.tolist())
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}

@@ -20,7 +20,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - contact_share, truth_share: of the frames; None where contact is unknown.
     - contacts: start_s and end_s of each contact, since the first frame.
     - images: number of frames with an image; image_size: rows and columns [px].
-    - first_pose, its sigma, and first_pose_by: statement or ground truth; None where the recording has none.
+    - first_pose and its sigma; None where the recording has none.
     - findings: kind (rate, unit, time gap, light or image), start_s, end_s and sentence.
     """
     time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
@@ -39,7 +39,6 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
         "first_pose": None if first is None else first.tolist(),
         "first_pose_sigma": None if sigma is None else sigma.tolist(),
-        "first_pose_by": None if first is None else "ground truth" if recording.first_pose_derived else "statement",
         "contacts": [] if contact is None else [between(*ends) for ends in flag_runs(contact)],
         "findings": [
             {"kind": kind, **between(*ends), "sentence": sentence} for kind, *ends, sentence in _faults(recording)

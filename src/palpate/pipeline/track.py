@@ -177,26 +177,19 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers]:
 def first_pose_of(
     recording: Recording, noise: NoiseSettings, given: ArrayLike | None = None, sigma: ArrayLike | None = None
 ) -> tuple[Array, Array]:
-    """Return the first pose (3,) [m, m, rad] and its standard deviations (3,): given, recorded, or from ground truth.
+    """Return the first pose (3,) [m, m, rad] and its standard deviations (3,): as given, or as the recording has them.
 
     Raises SettingError where there is none of them.
     """
-    deviation: ArrayLike = noise.first_pose.deviation
-    name, first = recording.file or "the recording", recording.first_pose
-    if given is not None:
-        first = np.asarray(without_gradient(given), np.float64)
-    elif first is None:
+    first = recording.first_pose if given is None else np.asarray(without_gradient(given), np.float64)
+    if first is None:
         raise SettingError(
-            f"{name}: has no ground truth to start from; give the object's first pose [m, m, rad]: "
-            "--first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
+            f"{recording.file or 'the recording'}: has no ground truth to start from; give the object's first pose "
+            "[m, m, rad]: --first-pose X Y THETA or --first-pose-unknown, in Python first_pose"
         )
-    elif recording.first_pose_derived:
-        deviation, frame = noise.first_pose.truth, int(np.argmax(recording.trusted_truth))
-        if recording.contact is not None and recording.contact[:frame].any():
-            logger.warning("%s: the first pose is ground truth of frame %d, after contact began", name, frame)
-    elif recording.first_pose_sigma is not None:
-        deviation = recording.first_pose_sigma
-    return first, np.array(deviation if sigma is None else without_gradient(sigma), np.float64)
+    if sigma is None and given is None:
+        sigma = recording.first_pose_sigma
+    return first, np.array(noise.first_pose.deviation if sigma is None else without_gradient(sigma), np.float64)
 
 
 @contextmanager

@@ -48,7 +48,7 @@ class Recording:
     extra: dict[str, NDArray[Any]] = field(default_factory=dict)
     """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
     first_pose: Array | None = None
-    """world_T_object at the start (3,) [m, m, rad] as the object was placed, by default that of ground truth; None
+    """world_T_object at the start (3,) [m, m, rad] as the object was placed, by default the first of ground truth; None
     where neither is known"""
     first_pose_sigma: Array | None = None
     """its standard deviations (3,) [m, m, rad] in the object's frame"""
@@ -57,17 +57,11 @@ class Recording:
     exact; None is that of a usual set-up, `noise.sensor_pose.calibration`"""
     file: Path | None = None
     """the file it was read from; errors name it"""
-    _derived: tuple[Array, Array] | None = field(default=None, repr=False)
-    """first pose and its sigma by ground truth, where they are not stated"""
 
     def __post_init__(self) -> None:
         def settle(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        # A copy with other ground truth derives them anew, one with another first pose states it.
-        for name, derived in zip(("first_pose", "first_pose_sigma"), self._derived or (), strict=False):
-            if getattr(self, name) is derived:
-                settle(name, None)
         if not isinstance(self.shape, Shape):
             raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
         settle("sensor", known_sensor(self.sensor))
@@ -83,11 +77,9 @@ class Recording:
                     raise FileError(f"{name}: found {given.tolist()}, allowed are {least:g} to {checks.FARTHEST:g}")
         if self.first_pose_sigma is not None and self.first_pose is None:
             raise FileError("first_pose_sigma: found one without a first_pose; allowed is one with it")
-        settle("_derived", None)
         if self.first_pose is None and self.object_pose is not None and (known := self.trusted_truth).any():
             settle("first_pose", self.object_pose[np.argmax(known)].copy())
             settle("first_pose_sigma", np.array(FirstPoseSettings().truth))
-            settle("_derived", (self.first_pose, self.first_pose_sigma))
         if self.contact is not None:
             settle("contact", checks.checked_array("contact", self.contact, checks.FLAGS, (n,)).astype(np.bool_))
         if self.image is not None:
@@ -201,11 +193,6 @@ class Recording:
         names = "time", "sensor_pose", "object_pose", "contact", "image"
         cut = {name: vars(self)[name][:count] for name in names if vars(self)[name] is not None}
         return replace(self, **cut, extra={name: value[:count] for name, value in self.extra.items()})
-
-    @property
-    def first_pose_derived(self) -> bool:
-        """True if the first pose is that of ground truth, not stated."""
-        return self._derived is not None
 
     @property
     def trusted_truth(self) -> Flags:
