@@ -15,7 +15,6 @@ from .io import load_recording as load_recording
 from .io.outlines import load_shape as load_shape
 from .io.recording_mcap import read_recording as read_recording
 from .io.recording_mcap import write_recording as write_recording
-from .io.rosbag_recording import BagChoices as BagChoices
 from .io.rosbag_recording import BagReading as BagReading
 from .io.rosbag_recording import read_bag as read_bag
 from .io.rosbag_recording import read_poses as read_poses
@@ -36,6 +35,7 @@ from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
 from .types.measurements import Turn as Turn
+from .types.placement import BagChoices as BagChoices
 from .types.recording import Recording as Recording
 from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI

@@ -25,8 +25,9 @@ from palpate.touch.calibration import load_calibration, turned_as
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
+from palpate.types.placement import Placement
 from palpate.types.sensor import DIGIT
-from palpate.types.space import GelPoses, Placement
+from palpate.types.space import GelPoses
 
 IMAGES, SENSOR_POSES = "image", "sensor_pose"
 """Topics that the node subscribes to; users remap them."""

@@ -28,7 +28,7 @@ from mcap.writer import Writer
 from planar import compose, wrap
 from scipy.spatial.transform import Rotation
 
-from palpate import DIGIT, POINT, BagChoices, Disc, FileError, SettingError, gel_pose, read_bag, read_poses
+from palpate import DIGIT, POINT, BagChoices, Disc, FileError, PalpateError, gel_pose, read_bag, read_poses
 
 SHAPE = Disc(0.05)
 
@@ -329,11 +329,13 @@ def test_a_steep_tilt_is_refused_and_a_sensor_upside_down_told(tmp_path, caplog)
     assert "the sensor's z axis points against the plane's normal" in caplog.text
 
 
-def test_choices_that_are_none():
-    wrongs: Any = ({"clock": "mine"}, {"plane": "flat"}, {"plane": (1.0, 2.0)}, {"off_plane": 0.0})
+def test_choices_that_are_none(tmp_path):
+    write_bag(bag := tmp_path / "a.mcap", "mcap", few_images() + lifted(lambda seconds: 0.1))
+    wrongs: Any = [{"clock": "mine"}, {"plane": "flat"}, {"plane": (1.0, 2.0)}, {"off_plane": 0.0}]
+    wrongs += [{"time_offset": offset} for offset in (np.nan, np.inf, 1e12)]
     for wrong in wrongs:
-        with pytest.raises(SettingError, match="; allowed "):
-            BagChoices(**wrong)
+        with pytest.raises(PalpateError, match="; allowed "):
+            read_bag(bag, SHAPE, BagChoices(**wrong))
 
 
 @pytest.mark.parametrize("orientation", ["", "90", "270,mirrored", "180,gbr"])

@@ -12,14 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from palpate import (
     POINT,
-    BagChoices,
     Disc,
     FileError,
     Frame,
     FrameError,
     PalpateError,
     Recording,
-    SettingError,
     Tracker,
 )
 
@@ -253,14 +251,6 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
 def test_what_does_not_fit_is_said(change, words):
     with pytest.raises(PalpateError, match=words):
         made(**change)
-
-
-def test_choices_for_bags_are_checked_likewise():
-    normal: Any = np.array([0, 0, 1])
-    assert BagChoices(plane=normal) == BagChoices()
-    for offset in (np.nan, np.inf, 1e12):
-        with pytest.raises(SettingError, match=r"time_offset is .*; allowed are up to 1e\+07 s"):
-            BagChoices(time_offset=offset)
 
 
 def test_images_that_were_squeezed_are_warned_of(caplog):

@@ -4,7 +4,7 @@ A command takes these groups as parameters (`start: Start = Start()`); tyro make
 help from the docstrings. Nothing heavy is imported before a method is called, so that `--help` stays fast.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -12,6 +12,7 @@ import tyro
 
 import palpate
 from palpate.errors import SettingError
+from palpate.types.placement import BagChoices
 
 # The library's choices, repeated here so that --help need not import it.
 Tactile = Literal["none", "oracle", "learnt"]
@@ -136,27 +137,7 @@ class Bag:
     shape_unit: Annotated[ShapeUnit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
     sensor: Sensor = "digit"
-    images: Annotated[str | None, arg("TOPIC|FOLDER", "the only image topic")] = None
-    """Touch images, or contact flags of a bag without images; with --image-times, a folder of images."""
-    image_times: Annotated[Path | None, arg("FILE.csv", "none; the bag has images")] = None
-    """Images in a folder: a table with the columns time [s, or whole ns] and file."""
-    orientation: Orientation = ""
-    sensor_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "the only source of poses")] = None
-    """Poses of the sensor: a topic, or two frames of the transforms."""
-    sensor_T_gel: Annotated[
-        tuple[float, float, float, float, float, float, float] | None, arg("X Y Z QX QY QZ QW", "poses are the gel's")
-    ] = None
-    """The gel in the frame of these poses, such as a flange [m], quaternion."""
-    object_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "none")] = None
-    """Poses of the object, which are ground truth: a topic, or two frames."""
-    clock: Literal["header", "log"] = "header"
-    """Times in the headers of messages, or those at which they were recorded."""
-    time_offset: Annotated[float, arg("S")] = 0.0
-    """Offset added to the times of images [s], negative where they are stamped late."""
-    plane: Annotated[Numbers | Literal["fit"], arg("X Y Z|fit")] = (0.0, 0.0, 1.0)
-    """Normal of the plane of the push in the frame of the poses; fit takes the plane through the sensor's path."""
-    off_plane: Annotated[float, arg("METRES")] = 0.01
-    """Largest distance of poses from that plane [m]."""
+    choices: BagChoices = field(default_factory=BagChoices)
 
     def read(self, file: Path) -> "palpate.BagReading":
         """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
@@ -164,15 +145,15 @@ class Bag:
         from palpate.types.sensor import known_sensor
         from palpate.types.space import flat
 
-        if self.shape is None and self != Bag(orientation=self.orientation):
+        orientation = self.choices.orientation
+        if self.shape is None and self != Bag(choices=BagChoices(orientation)):
             raise SettingError("--sensor, --images and the other options for bags need --shape, too")
         if self.shape is None or (kind := detect_format(file)) is None:  # which says what is wrong with the file
-            return palpate.BagReading(palpate.load_recording(file, self.orientation), flat())
+            return palpate.BagReading(palpate.load_recording(file, orientation), flat())
         if kind != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
-        choices = palpate.BagChoices(**{each.name: getattr(self, each.name) for each in fields(palpate.BagChoices)})
         shape, sensor = palpate.load_shape(self.shape, self.shape_unit), known_sensor(self.sensor)
-        return palpate.read_bag(file, shape, choices, sensor)
+        return palpate.read_bag(file, shape, self.choices, sensor)
 
 
 @dataclass(frozen=True)

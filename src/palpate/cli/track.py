@@ -11,6 +11,7 @@ from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg
 from palpate.errors import PalpateError, SettingError
 from palpate.files import new_file
+from palpate.types.placement import BagChoices, Placement
 
 SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
 """Columns of the table of several runs."""
@@ -159,7 +160,6 @@ def live(
     from palpate.pipeline.metrics import pose_words, world_sigma
     from palpate.pipeline.track import first_pose_of
     from palpate.touch.calibration import turned_as
-    from palpate.types.space import Placement
 
     if touch.tactile == "oracle":
         raise SettingError("--tactile oracle needs ground truth, which is unknown live")
@@ -176,13 +176,13 @@ def live(
         if camera and poses:
             if bag.shape is None or first is None:
                 raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
-            placement = {field.name: getattr(bag, field.name) for field in fields(Placement)}
-            if bag != Bag(shape=bag.shape, shape_unit=bag.shape_unit, **placement):
+            placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
+            if bag != Bag(bag.shape, bag.shape_unit, choices=BagChoices(**placement)):
                 words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
                 raise SettingError(f"--camera: of the options for bags, only {words} apply")
             name, shape = f"camera {camera}", palpate.load_shape(bag.shape, bag.shape_unit)
             with progress_bar("looking for images and poses"):
-                opened = camera_sources(camera, poses, turned_as(palpate.DIGIT, unit), Placement(**placement))
+                opened = camera_sources(camera, poses, turned_as(palpate.DIGIT, unit), bag.choices)
                 sources = stack.enter_context(opened)
         else:
             assert replay is not None

@@ -14,9 +14,10 @@ from palpate.errors import FileError
 from palpate.files import existing_file, in_file
 from palpate.types import space
 from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
+from palpate.types.placement import Placement
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
-from palpate.types.space import Placed, Placement, Plane, Times
+from palpate.types.space import Placed, Plane, Times
 
 logger = logging.getLogger(__name__)
 
@@ -125,7 +126,7 @@ def planar_recording(
     The plane that fits is that of frames in contact, by its flags or as images show it. The images have their name in
     errors, `what` is that of the recording. Raises FileError.
     """
-    placed, keep = placement.of_gel(placed), placed.known
+    keep = placed.known
     if not keep.any():
         raise FileError(
             f"no sensor pose is known at the time of any image, {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; are "
@@ -138,7 +139,7 @@ def planar_recording(
     if images is not None:
         image = encoded_images(*images, np.flatnonzero(keep).tolist(), size, placement.orientation, codec)
     placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
-    if placement.plane == "fit":
+    if isinstance(placement.plane, str):
         from palpate.touch.contact_detector import touched
 
         touching = touched(image or (), sensor) if contact is None else contact

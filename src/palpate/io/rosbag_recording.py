@@ -2,7 +2,7 @@
 
 import logging
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import reduce
 from operator import matmul
 from pathlib import Path
@@ -19,32 +19,12 @@ from palpate.io.from_arrays import nanoseconds, planar_recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
 from palpate.types.images import encode_image
+from palpate.types.placement import BagChoices
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
-from palpate.types.space import Placed, Placement, Plane, Times
+from palpate.types.space import Placed, Plane, Times, onto_gel
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class BagChoices(Placement):
-    """Settings for reading a bag; what is None is found where there is only one."""
-
-    images: str | None = None
-    """Topic of the touch images or, without images, of contact flags (std_msgs/Bool); with `image_times`, a folder."""
-    image_times: Path | str | None = None
-    """Table of images in a folder, not in the bag: columns time, seconds or whole nanoseconds, and file."""
-    sensor_poses: str | None = None
-    """Topic of the sensor's poses, or its frames in the transforms, PARENT:CHILD."""
-    object_poses: str | None = None
-    """Topic or frames, likewise, of the object's poses, which are ground truth."""
-    clock: Literal["header", "log"] = "header"
-    """Clock of all times: the messages' headers, or their recording."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.clock not in ("header", "log"):
-            raise SettingError(f"clock is {self.clock!r}; allowed are header, log")
 
 
 class BagReading(NamedTuple):
@@ -112,6 +92,8 @@ def _sources(found: Contents, choices: BagChoices, *others: Stream) -> tuple[_So
 
     Raises FileError, with the candidates where none of several is named.
     """
+    if choices.clock not in ("header", "log"):
+        raise SettingError(f"clock is {choices.clock!r}; allowed are header, log")
     truth = None if choices.object_poses is None else _source(found, choices.object_poses, None)
     place = _source(found, choices.sensor_poses, truth)
     streams = [*others, *(stream for source in (place, truth) if source for stream, _ in source.steps)]
@@ -208,8 +190,8 @@ def _only(found: Contents, what: str, names: list[str], chosen: str | None, opti
 
 def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
     """Return a bag whose contents are known as a recording; see `read_bag`."""
+    of_gel, flags = onto_gel(choices), None
     images: dict[int, Any] | None = None
-    flags = None
     are_flags = not sensor.image_height or (found.of((BOOL,)) and not found.of(IMAGE_TYPES))
     if choices.image_times is not None:
         place, truth = _sources(found, choices)
@@ -232,7 +214,7 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
             place.frame,
             time,
             choices,
-            place.placed(choices.clock, time),
+            of_gel(place.placed(choices.clock, time)),
             truth and truth.placed(choices.clock, time),
             None if images is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
             flags,

@@ -15,8 +15,9 @@ import numpy as np
 from palpate.errors import SettingError
 from palpate.live.sources import Clock, Image, Sources, TouchImage, clock_from, udp_poses
 from palpate.types.images import CameraView, camera_view, scaled
+from palpate.types.placement import Placement
 from palpate.types.sensor import SensorProfile
-from palpate.types.space import GelPoses, Placement
+from palpate.types.space import GelPoses
 
 Pictures: TypeAlias = Generator[tuple[float, Any]]
 """Times on the session's clock [s], and pixels as OpenCV has them, None for a damaged image."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,10 +16,8 @@ from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.images import AS_IT_IS, Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
+from palpate.types.placement import Normal, Placement
 from palpate.types.sensor import SensorProfile, known_sensor
-
-if TYPE_CHECKING:
-    from palpate.types.space import Normal
 
 Images = Image | Sequence[Image | bytes | str | Path]
 """Images as a user has them: arrays (N, height, width, 3), encoded bytes, or paths of files."""
@@ -110,7 +108,7 @@ class Recording:
         orientation: str = "",
         sensor_T_gel: ArrayLike | None = None,
         time_offset: float = 0.0,
-        plane: "Normal" = (0.0, 0.0, 1.0),
+        plane: Normal = (0.0, 0.0, 1.0),
         off_plane: float = 0.01,
         object_poses: ArrayLike | None = None,
         object_time: ArrayLike | None = None,
@@ -141,9 +139,10 @@ class Recording:
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
         from palpate.io.from_arrays import nanoseconds, placed_from, planar_recording
-        from palpate.types.space import Placement
+        from palpate.types.space import onto_gel
 
-        placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)
+        placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)  # pyright: ignore[reportArgumentType]
+        of_gel = onto_gel(placement)
         sensor = known_sensor(sensor)
         check_outline(shape)
         time = nanoseconds("image_time", image_time, least=1e-3)
@@ -160,7 +159,7 @@ class Recording:
             raise FileError("images: found None, and no contact; a recording needs one of them")
 
         time = time + round(time_offset * 1e9)
-        placed = placed_from("poses", poses, "pose_time", pose_time, time)
+        placed = of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
         truth, known = None, checks.as_array("object_poses", np.nan if object_poses is None else object_poses)
         if known.dtype.kind != "f" or not np.isnan(known).all():
             seen_at = pose_time if object_time is None else object_time

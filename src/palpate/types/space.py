@@ -5,9 +5,9 @@ axis as the normal, poses in the plane have the x and y of the frame.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,59 +18,17 @@ from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.types.images import camera_view
 from palpate.types.measurements import finite_numbers
+from palpate.types.placement import Placement
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 logger = logging.getLogger(__name__)
 
-Normal = tuple[float, float, float] | Literal["fit"]
-"""The normal of a plane, or "fit" for the plane through the sensor's path."""
-
 LONGEST_GAP = 0.5
 """[s] between two poses of a moving frame, beyond which it is unknown in between."""
 STEEPEST = 20.0
 """[deg] Largest angle of a sensor's x axis out of the plane, where its yaw is good, or z axis off the normal."""
-
-
-@dataclass(frozen=True)
-class Placement:
-    """How images and poses of a robot become those of a sensor in a plane; of bags, arrays and live sessions alike."""
-
-    orientation: str = ""
-    """Words with commas that say how images lie; see `Recording.from_arrays`."""
-    sensor_T_gel: ArrayLike | None = None
-    """Pose of the gel in the frame of the sensor's poses, such as that of a flange; see `Recording.from_arrays`."""
-    time_offset: float = 0.0
-    """Added to the times of the images [s]: negative where they are stamped late."""
-    plane: Normal = (0.0, 0.0, 1.0)
-    """Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's path."""
-    off_plane: float = 0.01
-    """Largest distance of poses from the plane [m]."""
-
-    def __post_init__(self) -> None:
-        camera_view(self.orientation)
-        if self.sensor_T_gel is not None:
-            gel = pose_numbers("sensor_T_gel", [self.sensor_T_gel])
-            checks.check_metres("sensor_T_gel", np.vstack([np.zeros(3), gel[:, :3]]))
-            object.__setattr__(self, "sensor_T_gel", tuple(gel[0].tolist()))  # so that placements compare
-        normal = None if isinstance(self.plane, str) else finite_numbers(self.plane, (3,))
-        if normal is not None:
-            object.__setattr__(self, "plane", tuple(normal.tolist()))
-        elif not isinstance(self.plane, str) or self.plane != "fit":
-            raise SettingError(f"plane is {self.plane!r}; allowed are fit, or three numbers: its normal")
-        if checks.checked_number(self.off_plane, 1e-9, checks.FARTHEST) is None:
-            raise SettingError(f"off_plane is {self.off_plane!r}; allowed is a length above 0 [m]")
-        if checks.checked_number(self.time_offset, -checks.LONGEST, checks.LONGEST) is None:
-            raise SettingError(
-                f"time_offset is {self.time_offset!r}; allowed are up to {checks.LONGEST:g} s, forwards or backwards"
-            )
-
-    def of_gel(self, sensor: "Placed") -> "Placed":
-        """Return the poses of the gel from those of the part that carries it."""
-        if self.sensor_T_gel is None:
-            return sensor
-        return sensor @ placed_now("sensor_T_gel", np.array([self.sensor_T_gel]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,14 +109,31 @@ def placed_now(name: str, numbers: Array) -> Placed:
     return placed_at(name, now, numbers, now)
 
 
+def onto_gel(placement: Placement) -> Callable[[Placed], Placed]:
+    """Return the function that makes the gel's poses from those of its part; raises PalpateError on any bad choice."""
+    normal, offset, gel = placement.plane, placement.time_offset, None
+    camera_view(placement.orientation)
+    if placement.sensor_T_gel is not None:
+        numbers = pose_numbers("sensor_T_gel", [placement.sensor_T_gel])
+        checks.check_metres("sensor_T_gel", np.vstack([np.zeros(3), numbers[:, :3]]))
+        gel = placed_now("sensor_T_gel", numbers)
+    if not (isinstance(normal, str) and normal == "fit") and finite_numbers(normal, (3,)) is None:
+        raise SettingError(f"plane is {normal!r}; allowed are fit, or three numbers: its normal")
+    if checks.checked_number(placement.off_plane, 1e-9, checks.FARTHEST) is None:
+        raise SettingError(f"off_plane is {placement.off_plane!r}; allowed is a length above 0 [m]")
+    if checks.checked_number(offset, -checks.LONGEST, checks.LONGEST) is None:
+        raise SettingError(f"time_offset is {offset!r}; allowed are up to {checks.LONGEST:g} s, forwards or backwards")
+    return lambda sensor: sensor if gel is None else sensor @ gel
+
+
 class GelPoses:
     """Poses of a part of a robot, one after the other, as those of its gel in the plane through the first of them."""
 
     def __init__(self, placement: Placement) -> None:
         """Take the gel's pose on the part, and the normal of the plane and distances from it that are allowed."""
-        if placement.plane == "fit":
+        self._onto_gel, self._placement = onto_gel(placement), placement
+        if isinstance(placement.plane, str):
             raise SettingError("plane is fit, which needs all poses; allowed is its normal, as poses come one by one")
-        self._placement = placement
         self.plane: Plane | None = None
         """The plane, known from the first pose in space on."""
 
@@ -167,7 +142,7 @@ class GelPoses:
         how = self._placement
         if how.sensor_T_gel is None and np.shape(pose) == (3,):
             return np.array(pose, np.float64)
-        gel = how.of_gel(placed_now("pose", pose_numbers("pose", [pose])))
+        gel = self._onto_gel(placed_now("pose", pose_numbers("pose", [pose])))
         self.plane = plane = self.plane or plane_across(frame, np.array(how.plane, np.float64), gel.position)
         if frame != plane.frame:
             raise FileError(f"pose: it is given in frame {frame!r}, the first was in {plane.frame!r}")

@@ -1,0 +1,44 @@
+"""Choices that make frames in a plane of what a robot recorded; the command line makes its options from these classes.
+
+Nothing heavy is imported, so that `--help` stays fast; readers check the values.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Normal = tuple[float, float, float] | Literal["fit"]
+"""The normal of a plane, or "fit" for the plane through the sensor's path."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How images and poses of a robot become those of a sensor in a plane; of bags, arrays and live sessions alike."""
+
+    orientation: str = ""
+    """Steps that make images upright, with commas: 90, 180 or 270 (degrees counter-clockwise), mirrored, bgr."""
+    sensor_T_gel: tuple[float, float, float, float, float, float, float] | None = None
+    """Pose of the gel in the frame of the sensor's poses, such as that of a flange: x, y, z [m], quaternion x, y, z, w.
+    In Python it may also be a 4x4 matrix, or x, y, theta."""
+    time_offset: float = 0.0
+    """Added to the times of the images [s]: negative where they are stamped late."""
+    plane: Normal = (0.0, 0.0, 1.0)
+    """Normal of the plane of the push in the frame of the poses, or "fit" for the plane through the sensor's path."""
+    off_plane: float = 0.01
+    """Largest distance of poses from the plane [m]."""
+
+
+@dataclass(frozen=True)
+class BagChoices(Placement):
+    """Settings for reading a bag; what is None is found where there is only one."""
+
+    images: str | None = None
+    """Topic of the touch images or, without images, of contact flags (std_msgs/Bool); with image times, a folder."""
+    image_times: Path | str | None = None
+    """Table of images in a folder, not in the bag: columns time, seconds or whole nanoseconds, and file."""
+    sensor_poses: str | None = None
+    """Topic of the sensor's poses, or its frames in the transforms, PARENT:CHILD."""
+    object_poses: str | None = None
+    """Topic or frames, likewise, of the object's poses, which are ground truth."""
+    clock: Literal["header", "log"] = "header"
+    """Clock of all times: the messages' headers, or their recording."""
