@@ -59,9 +59,9 @@ class ContactDetector:
         self._steady = SteadyImages(sensor.rate)
         self._view = calibration.view if calibration else AS_IT_IS
         self._doubted = ""
-        self._is_view_checked = self._touched = self._has_markers = False
+        self._touched = self._has_markers = False
         self._untouched_images = 0
-        self._sparse: Image | None = None  # of the last image
+        self._sparse: Image | None = None  # of the last image that showed a gel
         self._repeats, self._is_noisy = 0, False
         if calibration is not None:
             self._size = calibration.background.mean.shape[:2]
@@ -102,7 +102,6 @@ class ContactDetector:
         if self.background is None:
             if (found := self._steady.add(image)) is not None:
                 self._use(found)
-                self._is_view_checked = True
             return False
         cells = cells_of(image)
         share = self._significant_share(image, cells)
@@ -131,7 +130,7 @@ class ContactDetector:
 
     def _use(self, background: Background) -> None:
         self.background = background
-        self._cells, self._wide_cells = cells_of(background.mean), None
+        self._cells, self._wide_cells, self._look = cells_of(background.mean), None, None
         self._is_grey = is_grey(background.mean)
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
 
@@ -145,8 +144,9 @@ class ContactDetector:
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
             self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
-        wide = compare(wide_cells_of(image), self._wide_cells, self._tolerance)
-        return wide if wide < _THIN * share else share
+        if self._look is None or abs(share - self._look[0]) > 0.1 * share:  # a touch adds more
+            self._look = share, compare(wide_cells_of(image), self._wide_cells, self._tolerance)
+        return self._look[1] if self._look[1] < _THIN * share else share
 
     def _check_gel(self, image: Image, cells: Levels, share: float) -> None:
         """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""
@@ -154,14 +154,13 @@ class ContactDetector:
         if shows_gel:
             self._steady.seen.clear()
             self.new_view = None
-        elif self._is_view_checked and not self._doubted and not is_flat(cells):
+        elif not self._doubted and not is_flat(cells):
             self.new_view = self._steady.add(image) or self.new_view
-        if shows_gel and self._is_view_checked:
+        if share <= START or (shows_gel and self._sparse is not None):
             return
         if _colour(self._cells) > 4.0 and is_grey(image) and not is_flat(cells):
             raise SettingError("image: found grey, expected colours as the untouched gel has")
         check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
-        self._is_view_checked = True
         if not shows_gel:
             known = "what was seen in the first half second or is in the calibration: is"
             if self._doubted:
