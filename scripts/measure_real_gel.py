@@ -96,7 +96,7 @@ def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
     elif calibrate_on:
         chosen = np.argsort(true)[np.linspace(0, len(true) - 1, calibrate_on).astype(int)]
         presses = Presses(tuple(images[k] for k in chosen), true[chosen], tuple(rows[k]["file"] for k in chosen))
-        calibration = learn_from_presses(presses, [untouched], DIGIT, shipped_model(DIGIT.name)).calibration
+        calibration, _ = learn_from_presses(presses, calibration, DIGIT, shipped_model(DIGIT.name))
     left = np.setdiff1d(np.arange(len(true)), chosen)
     return scored(calibration, [images[k] for k in left], true[left])
 

@@ -21,7 +21,7 @@ from palpate.io.estimates import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, esti
 from palpate.io.outlines import load_shape
 from palpate.live.session import LiveSession, stop_on_signals
 from palpate.live.sources import Sources, TimedPose, TouchImage, checked_pose
-from palpate.touch.calibration import load_calibration, turned_as
+from palpate.touch.calibration import load_calibration
 from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
@@ -64,7 +64,7 @@ def run(node: Any, stop: threading.Event) -> None:
     outline, topics = load_shape(str(shape)), Topics(node)
     tracker = Tracker(outline, DIGIT, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
     offset = topics.placement.time_offset
-    sources = Sources(topics.images, topics.poses, topics.now, turned_as(DIGIT, calibration), offset)
+    sources = Sources(topics.images, topics.poses, topics.now, DIGIT, offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))
     session.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in session.counts.items()))

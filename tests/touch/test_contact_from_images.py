@@ -225,7 +225,6 @@ def known(rng: np.random.Generator) -> Calibration:
 VIEWS = {
     "it fits mirrored, ": lambda image: image[:, ::-1],
     "it fits turned by 180 degrees, ": lambda image: np.rot90(image, 2),
-    "it fits turned by 270 degrees, ": np.rot90,
     "it fits channels BGR, ": lambda image: image[..., ::-1],
     "found grey, expected colours": lambda image: np.repeat(image[..., :1], 3, axis=2),
 }

@@ -17,14 +17,14 @@ from palpate import DIGIT, FileError, Frame, Rectangle, Tracker, load_calibratio
 from palpate.lab.simulate.gel import touch_image
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import background_of
-from palpate.touch.calibration import AS_IT_IS, CameraView, DirectionCorrection, views
+from palpate.touch.calibration import AS_IT_IS, VIEWS, CameraView, DirectionCorrection
 from palpate.touch.pipeline import angle_factor
-from palpate.touch.press_calibration import Presses, PressFit, learn_from_presses, read_image, read_presses
+from palpate.touch.press_calibration import Presses, learn_from_presses, read_image, read_presses
 from palpate.touch.touch_model import shipped_model
 
 Array = np.ndarray
 ANGLES = np.radians([-14.0, -9.0, -4.0, 1.0, 6.0, 13.0])
-MOUNTED = [AS_IT_IS, CameraView(2), CameraView(1), CameraView(0, True), CameraView(3, True)]
+MOUNTED = [AS_IT_IS, CameraView(2), CameraView(0, True), CameraView(2, True)]
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +66,9 @@ class Reader:
         return {"direction": (self.offset + self.scale * angle, np.radians(0.5) ** 2)}
 
 
-def learn(presses: Presses, untouched: Array, model: Any = None) -> PressFit:
+def learn(presses: Presses, untouched: Array, model: Any = None) -> tuple[palpate.Calibration, float]:
     model = model or Reader()
-    return learn_from_presses(presses, [untouched], DIGIT, model)
+    return learn_from_presses(presses, palpate.Calibration(background_of([untouched])), DIGIT, model)
 
 
 def test_a_view_undoes_what_a_camera_does():
@@ -76,29 +76,29 @@ def test_a_view_undoes_what_a_camera_does():
     for view in (*MOUNTED, CameraView(1, True, (2, 0, 1)), CameraView(3, False, (1, 2, 0))):
         np.testing.assert_array_equal(view.of(as_camera(image, view)), image)
     assert str(CameraView(1, True, (2, 1, 0))) == "turned by 90 degrees, mirrored, channels BGR"
-    assert {view.quarter_turns for view in views(image.shape, 320, 240)} == {0, 2}
-    assert len(set(views((240, 240), 240, 240))) == 48
+    assert len(set(VIEWS)) == 24
 
 
 @pytest.mark.parametrize("view", MOUNTED, ids=str)
 def test_measured_presses_show_left_and_right_however_the_camera_is_mounted(unit, presses, view):
-    fit = learn(of_camera(presses, view), as_camera(unit.no_contact, view))
-    found = fit.calibration.view.of(as_camera(unit.no_contact, view))
+    calibration, scatter = learn(of_camera(presses, view), as_camera(unit.no_contact, view))
+    found = calibration.view.of(as_camera(unit.no_contact, view))
     assert any((found == each).all() for each in (unit.no_contact, unit.no_contact[::-1]))  # up and down do not show
-    np.testing.assert_allclose(fit.measured, ANGLES, atol=np.radians(1.5))
+    line = calibration.direction.offset + calibration.direction.scale * ANGLES
+    np.testing.assert_allclose(line, ANGLES, atol=np.radians(1.5))
+    assert scatter < np.radians(1.0)
 
 
 def test_presses_measure_offset_and_scale(unit, presses):
-    fit = learn(presses, unit.no_contact)
+    fit, _ = learn(presses, unit.no_contact)
     other_model: Any = Reader(np.radians(1.5), 0.93)
-    other = learn(presses, unit.no_contact, other_model)
-    direction, plain = other.calibration.direction, fit.calibration.direction
+    other, scatter = learn(presses, unit.no_contact, other_model)
+    direction, plain = other.direction, fit.direction
+    assert scatter < np.radians(1.0)
     # The priors of 2 degrees and 10 % hold back a little.
     offset = angle_factor(other_model, DIGIT) * np.radians(1.5)  # of images that are narrower than the pad
     assert direction.offset - 0.93 * plain.offset == pytest.approx(offset, abs=np.radians(0.1))
     assert direction.scale / plain.scale == pytest.approx(0.93, abs=0.01)
-    true = (other.measured - direction.offset) / direction.scale
-    np.testing.assert_allclose(true, ANGLES, atol=3.0 * other.scatter)
     # 6 images of 0.5 degrees and angles good to 0.3; of the scale also six hundredths between ball and object.
     one = np.hypot(np.radians(0.5), np.radians(0.3))
     of_scale = np.hypot(one / np.sqrt(np.sum(np.square(ANGLES - ANGLES.mean()))), 0.06)
@@ -115,7 +115,7 @@ def chosen(presses: Presses, places: Any) -> Presses:
     [
         (lambda given: chosen(given, [0, 1, 2, 3]), "found 4 presses; at least 5"),
         (lambda given: chosen(given, [3, 3, 3, 3, 3]), "within 0.0 degrees, less than noise can tell left from right"),
-        (lambda given: dataclasses.replace(given, angle=0.5 * given.angle), "are angles in degrees and places in mm"),
+        (lambda given: dataclasses.replace(given, angle=0.5 * given.angle), "are angles in degrees"),
         (lambda given: dataclasses.replace(given, angle=given.angle[[3, 0, 5, 1, 4, 2]]), "about a line"),
         (lambda given: of_camera(chosen(given, [2, 0, 4, 1, 3, 5]), AS_IT_IS, True), "presses in no view"),
         (lambda given: of_camera(chosen(given, [0, 0, 0, 1, 1]), AS_IT_IS, True), "spread over 8 degrees"),
@@ -128,10 +128,11 @@ def test_presses_that_show_nothing_are_refused(unit, presses, change, words):
 
 def test_other_images_are_refused(unit, presses):
     reader: Any = Reader()
+    known = palpate.Calibration(background_of([unit.no_contact]))
     dome = palpate.SensorProfile("my finger", radius=0.02, image_height=320, image_width=240)
     for sensor in (palpate.GELSIGHT_MINI, dome):
         with pytest.raises(FileError, match=f"are of round gels of known width, and '{sensor.name}' has none"):
-            learn_from_presses(of_camera(presses, AS_IT_IS, True), [unit.no_contact], sensor, reader)
+            learn_from_presses(of_camera(presses, AS_IT_IS, True), known, sensor, reader)
     blank = unit.no_contact.copy()
     blank[150:154, 118:122] += 60  # less than a touch, at the expected place
     with pytest.raises(FileError, match=r"3\.png: shows no touch"):
@@ -143,13 +144,13 @@ def test_a_real_gel_finds_its_view(shared_data):
     given = read_presses(balls / "truth.csv")
     order = np.argsort(given.angle)[:: len(given.angle) // 6]
     pressed, untouched = chosen(given, order), read_image(balls / "untouched.png")
-    for view in (AS_IT_IS, CameraView(0, True), CameraView(3)):
-        fit = learn(of_camera(pressed, view, in_order=True), as_camera(untouched, view), shipped_model())
-        assert fit.calibration.view == view
+    for view in (AS_IT_IS, CameraView(0, True)):
+        found, _ = learn(of_camera(pressed, view, in_order=True), as_camera(untouched, view), shipped_model())
+        assert found.view == view
 
 
 def test_a_tracker_reads_images_in_the_calibrations_view(unit, presses):
-    view, correction, estimates = CameraView(1, True), DirectionCorrection(0.02, 0.9, 0.004), []
+    view, correction, estimates = CameraView(2, True), DirectionCorrection(0.02, 0.9, 0.004), []
     for mounted in (AS_IT_IS, view):
         calibration = palpate.Calibration(background_of([unit.no_contact] * 2), mounted, correction)
         how = palpate.TrackerSettings(tactile="learnt", hypotheses=1)
@@ -223,7 +224,7 @@ def test_a_ruler_measures_the_pixel_pitch(tmp_path, narrow, run_palpate, fails):
     ):
         assert said in fails(*words, length, tmp_path / image, "--force")
     strange = palpate.Calibration(found.background, pixel_pitch=2e-4)
-    with pytest.raises(palpate.SettingError, match="of images of 5 px/mm; those of sensor 'DIGIT' have about 16"):
+    with pytest.raises(palpate.SettingError, match=r"as if an image showed 3\.2 times what one of 'DIGIT' does"):
         Tracker(Rectangle(0.1, 0.1), DIGIT, None, calibration=strange)
 
 

@@ -184,21 +184,19 @@ def calibrate(
     still = still or list(first_images(pushed))
     reader = palpate.TouchModel(model) if model else shipped_model(profile.name) if presses or pushes else None
     numbers: dict[str, Any] = {"untouched": len(still)}
-    if presses is None:
-        calibration = palpate.Calibration(background_of(still))
-        if ruler and scale:
-            with in_file(ruler[1]):
-                calibration = with_ruler(calibration, *scale, profile)
-    else:
+    calibration = palpate.Calibration(background_of(still))
+    if ruler and scale:
+        with in_file(ruler[1]):
+            calibration = with_ruler(calibration, *scale, profile)
+    if presses:
         pressed = read_presses(presses, look, profile)
         with in_file(presses):
             if model is None and any(map(is_grey, (*still, *pressed.images))):
                 raise FileError(GREY)
             assert reader
-            fit = learn_from_presses(pressed, still, profile, reader, scale)
-        calibration = fit.calibration
+            calibration, scatter = learn_from_presses(pressed, calibration, profile, reader)
         numbers |= {"presses": len(pressed.images), "keeps_left_and_right": calibration.view.keeps_left_and_right}
-        numbers["scatter_deg"] = math.degrees(fit.scatter)
+        numbers["scatter_deg"] = math.degrees(scatter)
     notes = [] if presses is None else ["Presses find left and right only; up and down may be wrong."]
     if reader and pushed:
         with progress_bar(f"fitting {len(pushed)} pushes"):

@@ -159,7 +159,6 @@ def live(
     from palpate.live.sources import replayed
     from palpate.pipeline.metrics import pose_words, world_sigma
     from palpate.pipeline.track import first_pose_of
-    from palpate.touch.calibration import turned_as
 
     if touch.tactile == "oracle":
         raise SettingError("--tactile oracle needs ground truth, which is unknown live")
@@ -182,7 +181,7 @@ def live(
                 raise SettingError(f"--camera: of the options for bags, only {words} apply")
             name, shape = f"camera {camera}", palpate.load_shape(bag.shape, bag.shape_unit)
             with progress_bar("looking for images and poses"):
-                opened = camera_sources(camera, poses, turned_as(palpate.DIGIT, unit), bag.choices)
+                opened = camera_sources(camera, poses, palpate.DIGIT, bag.choices)
                 sources = stack.enter_context(opened)
         else:
             assert replay is not None
@@ -190,8 +189,7 @@ def live(
             shape, sources = recording.shape, replayed(recording)
             first, sigma = first_pose_of(recording, palpate.NoiseSettings(), first, sigma)
         settings = palpate.TrackerSettings(touch.tactile)
-        sensor = turned_as(sources.sensor, unit)
-        tracker = palpate.Tracker(shape, sensor, first, settings, model, unit, first_pose_sigma=sigma)
+        tracker = palpate.Tracker(shape, sources.sensor, first, settings, model, unit, first_pose_sigma=sigma)
         keep = record and stack.enter_context(recorder(record, shape, sources.sensor, force))
         stop = stack.enter_context(stop_on_signals())
         session = LiveSession(tracker, sources, complain)

@@ -29,7 +29,7 @@ from palpate.graph.window import Window
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 from palpate.touch.background import first_frames
-from palpate.touch.calibration import PITCHES, Calibration, DirectionCorrection, SetUp, calibrated, turned_as
+from palpate.touch.calibration import Calibration, DirectionCorrection, SetUp, calibrated, mismatch
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.press_calibration import LEFT_OR_RIGHT
@@ -82,8 +82,8 @@ def read_push(recording: Recording, model: TouchModel, calibration: Calibration)
     name = recording.file or "the recording"
     if recording.image is None:
         raise FileError(f"{name}: has no images, and a calibration by pushes reads touch from them")
-    sensor = turned_as(recording.sensor, calibration)
-    detector, touch = ContactDetector(sensor, calibration), TouchReader("learnt", sensor, model, calibration)
+    detector = ContactDetector(recording.sensor, calibration)
+    touch = TouchReader("learnt", recording.sensor, model, calibration)
     contact, measurements = [False], []
     for frame in recording:
         assert frame.image is not None
@@ -181,8 +181,6 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     after[5, 0] = max(after[5, 0], 0.0)
     offset, scale, depth, outline, sideways, delay = map(tuple, after.tolist())
     factor = direction.scale * (1.0 + scale[0])
-    if not PITCHES[0] < unit.shown / sensor.shown / factor < PITCHES[1]:
-        raise FileError(f"directions change by {factor:.2g} of what the pushes do: are the outlines in the right unit?")
     learnt = replace(
         calibration,
         direction=DirectionCorrection(
@@ -191,6 +189,8 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         set_up=SetUp(sideways, delay, depth, outline),
         is_view_known=calibration.is_view_known or cost < mirrored - LEFT_OR_RIGHT,
     )
+    if wrong := mismatch(learnt, sensor):
+        raise FileError(wrong)
     by_each = np.array([np.column_stack([mean, np.sqrt(np.diagonal(spread))]) for _, mean, spread in each])
     return PushFit(learnt, before, after, by_each, misfit)
 

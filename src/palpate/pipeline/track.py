@@ -17,7 +17,7 @@ from palpate.errors import FileError, FrameError, PalpateError, SettingError, on
 from palpate.geometry.shapes import Disc
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import flag_runs, innovation_scores, summarise
-from palpate.touch.calibration import Calibration, turned_as
+from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker
 from palpate.types.estimate import Answers, Estimate, Trajectory
@@ -90,9 +90,8 @@ def track(
     failure: BaseException | None = None
     with kept_warnings() as warnings:
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
-        sensor = turned_as(recording.sensor, calibration)
         start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
-        tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
+        tracker = Tracker(recording.shape, recording.sensor, first, settings, model, calibration, **start)
         try:
             for index, (estimate, step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
                 estimates.append(estimate)

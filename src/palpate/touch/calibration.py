@@ -1,6 +1,5 @@
 """Calibration of one sensor unit: its untouched gel, camera view and errors of directions, in a file (`.npz`)."""
 
-from collections.abc import Iterator
 from dataclasses import astuple, dataclass, replace
 from itertools import permutations
 from pathlib import Path
@@ -24,13 +23,13 @@ PITCHES = 0.625, 1.6
 """Least and greatest pixel pitch that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
 
 
-def views(size: tuple[int, ...], height: int, width: int) -> Iterator[CameraView]:
-    """Yield the views in which an image of a size, rows and columns first, has another one, the simplest first."""
-    for red, green, blue in permutations(range(3)):
-        for mirrored in (False, True):
-            for quarter_turns in range(4):
-                if (size[:2] if quarter_turns % 2 == 0 else size[1::-1]) == (height, width):
-                    yield CameraView(quarter_turns, mirrored, (red, green, blue))
+VIEWS = tuple(
+    CameraView(turns, mirrored, (red, green, blue))
+    for red, green, blue in permutations(range(3))
+    for mirrored in (False, True)
+    for turns in (0, 2)
+)
+"""Views that keep an image's size, the simplest first; the first four leave channels as they come."""
 
 
 def check_view(cells: Levels, untouched: Levels, name: str) -> None:
@@ -44,7 +43,7 @@ def check_view(cells: Levels, untouched: Levels, name: str) -> None:
         light = np.median(seen / np.maximum(untouched, 1.0), axis=(0, 1))
         return float(np.median(np.abs(seen - light * untouched)))
 
-    off = {view: misfit(view) for view in views(cells.shape, *untouched.shape[:2])}
+    off = {view: misfit(view) for view in VIEWS}
     best = min(off, key=off.__getitem__)
     # For images in the right view the ratio is at most 0.7, in contact and in another light, and for those of other
     # units below 3 but for one in 300; in a wrong view 97 in 100 are above. A symmetric gel fits equally well, but for
@@ -114,13 +113,6 @@ class Calibration:
     """It comes from the stream that it is used for. Others are doubted until an image looks like the untouched gel."""
 
 
-def turned_as(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
-    """Return the sensor with the size of its images before the calibration's rotation."""
-    if calibration is None or calibration.view.quarter_turns % 2 == 0:
-        return sensor
-    return replace(sensor, image_height=sensor.image_width, image_width=sensor.image_height)
-
-
 def calibrated(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
     """Return the profile with the pixel pitch of a calibrated unit, if that was measured."""
     if calibration is None or calibration.pixel_pitch is None:
@@ -128,14 +120,16 @@ def calibrated(sensor: SensorProfile, calibration: Calibration | None) -> Sensor
     return replace(sensor, pixel_pitch=calibration.pixel_pitch, pixel_pitch_sigma=calibration.pixel_pitch_sigma)
 
 
-def misfit(calibration: Calibration, sensor: SensorProfile) -> str:
+def mismatch(calibration: Calibration, sensor: SensorProfile) -> str:
     """Return a sentence if a calibration cannot be of the sensor, by its images' size or scale; otherwise ""."""
     expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
     name = calibration.file or "the calibration"
-    pitch, usual = calibration.pixel_pitch, sensor.pixel_pitch
-    if pitch and usual and not PITCHES[0] * usual < pitch < PITCHES[1] * usual:
-        scales = f"{1e-3 / pitch:.3g} px/mm; those of sensor {sensor.name!r} have about {1e-3 / usual:.3g}"
-        return f"{name}: is of images of {scales}: was its ruler's length another?"
+    shown = calibrated(sensor, calibration).shown / sensor.shown / calibration.direction.scale
+    if not PITCHES[0] < shown < PITCHES[1]:
+        return (
+            f"{name}: is as if an image showed {shown:.2g} times what one of {sensor.name!r} does, allowed are "
+            f"{PITCHES[0]:g} to {PITCHES[1]:g}: are angles in degrees, places and ruler in mm, and outlines right?"
+        )
     if found == expected or not sensor.image_height:
         return ""
     sizes = ["{} x {}".format(*size) for size in (found, expected)]
@@ -178,26 +172,25 @@ def load_calibration(path: Path | str) -> Calibration:
         def numbers(name: str, count: int) -> list[float]:
             return checked_array(name, arrays[name], NUMBERS, (count,)).astype(float).tolist()
 
-        turns, mirrored, *channels = numbers("view", 5)
+        views: dict[Any, CameraView] = {(each.quarter_turns, each.mirrored, *each.channels): each for each in VIEWS}
+        view = views.get(tuple(numbers("view", 5)))
         offset, scale, *sigmas = numbers("direction", 4)
         pitch, pitch_sigma = numbers("pixel_pitch", 2)
-        is_view = turns in range(4) and mirrored in (0, 1) and sorted(channels) == [0, 1, 2]
         is_direction = np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)
         is_pitch = (np.isnan(pitch) or 0.0 < pitch < 1.0) and 0.0 <= pitch_sigma <= 0.5
         is_set_up = set_up.dtype.kind == "f" and (not set_up.size or set_up.shape == (4, 2))
         is_set_up = is_set_up and (np.abs(set_up) <= 1.0).all() and (set_up[..., 1:] > 0.0).all()
         for name, is_right, allowed in (
             ("set_up", is_set_up, "nothing, or four numbers up to 1 with sigmas above 0"),
-            ("view", is_view, "quarter turns 0 to 3, 0 or 1, and channels 0, 1, 2"),
+            ("view", view, "quarter turns 0 or 2, 0 or 1, and channels 0, 1, 2"),
             ("direction", is_direction, "an offset, a scale above 0 and sigmas above 0"),
             ("pixel_pitch", is_pitch, "a length [m] and a sigma from 0 to 0.5"),
         ):
             if not is_right:
                 raise FileError(f"{name}: found {arrays[name].tolist()}, expected {allowed}")
-        red, green, blue = map(int, channels)
         return Calibration(
             background,
-            CameraView(int(turns), bool(mirrored), (red, green, blue)),
+            view or AS_IT_IS,
             DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas)),
             None if np.isnan(pitch) else pitch,
             pitch_sigma,

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.arrays import Flags, Image, Levels
 from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
-from palpate.touch.calibration import Calibration, check_view, misfit, turned_as
+from palpate.touch.calibration import Calibration, check_view, mismatch
 from palpate.touch.cells import SPARSE, cells_of, check_image, compare, is_flat, is_grey, wide_cells_of
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
@@ -44,7 +44,7 @@ class ContactDetector:
 
     def __init__(self, sensor: SensorProfile, calibration: Calibration | None = None) -> None:
         """Take the sensor's profile; raises SettingError if the calibration has images of another size."""
-        if calibration is not None and (wrong := misfit(calibration, sensor)):
+        if calibration is not None and (wrong := mismatch(calibration, sensor)):
             raise SettingError(wrong)
         # Compile or load all that reads images now, not at a robot's first one.
         cells_of(background_of([np.zeros((1, 1, 3), np.uint8)]).mean)
@@ -190,7 +190,7 @@ def _colour(cells: Levels) -> float:
 
 def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:
     """Return flags of encoded images in which the gel is touched; it is not in one that is damaged or shows no gel."""
-    detector = ContactDetector(turned_as(sensor, calibration), calibration)
+    detector = ContactDetector(sensor, calibration)
     size = sensor.image_height, sensor.image_width
     flags = np.zeros(len(images), np.bool_)
     for index, image in enumerate(images):

@@ -9,22 +9,30 @@ and none of the errors.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from palpate.arrays import Array, Image
-from palpate.errors import FileError, SettingError
-from palpate.files import numbers_of, read_table, table_columns
-from palpate.touch.background import background_of
-from palpate.touch.calibration import PITCHES, Calibration, DirectionCorrection, calibrated, views
+from palpate.errors import FileError
+from palpate.files import in_file, numbers_of, read_table, table_columns
+from palpate.touch.background import Background
+from palpate.touch.calibration import (
+    PITCHES,
+    UNCORRECTED,
+    VIEWS,
+    Calibration,
+    DirectionCorrection,
+    calibrated,
+    mismatch,
+)
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import START, ContactDetector
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
-from palpate.types.images import AS_IT_IS, CameraView, read_image
+from palpate.types.images import CameraView, read_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
@@ -66,7 +74,7 @@ def untouched_images(recording: Recording) -> Iterator[Image]:
 
 
 def with_ruler(calibration: Calibration, image: Image, length: float, sensor: SensorProfile) -> Calibration:
-    """Return a calibration with the pixel pitch that an image of a ruler, in the profile's view, shows.
+    """Return a calibration with the pixel pitch that an image of a ruler shows, taken as its untouched gel was.
 
     A ruler is two edges or balls of one kind, pressed in side by side along the image's columns, `length` [m] apart on
     the gel. Raises FileError where the image does not show two imprints.
@@ -144,20 +152,6 @@ def read_presses(
     return Presses(tuple(images), angles, names, are_relative)
 
 
-@dataclass(frozen=True, eq=False)
-class PressFit:
-    """Result of a calibration by presses."""
-
-    calibration: Calibration
-    """For `Tracker`."""
-    angle: Array
-    """Angle of each press, (N,) [rad]: as given, or by the place of its imprint."""
-    measured: Array
-    """Contact direction that the model measures of each press, (N,) [rad]."""
-    scatter: float
-    """Root mean square distance of the measured directions from the line [rad]."""
-
-
 def check_spread(angle: Array) -> None:
     """Raise FileError if angles (N,) [rad] are too close together to tell left from right."""
     if (spread := float(np.ptp(angle))) < SPREAD:
@@ -166,81 +160,57 @@ def check_spread(angle: Array) -> None:
 
 
 def learn_from_presses(
-    presses: Presses,
-    untouched: Sequence[Image],
-    sensor: SensorProfile,
-    model: TouchModel,
-    ruler: tuple[Image, float] | None = None,
-) -> PressFit:
-    """Return the calibration by presses, given one or more images of the untouched gel as the camera gives them.
+    presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
+) -> tuple[Calibration, float]:
+    """Return a calibration with what presses show besides, and the scatter of directions about the line [rad].
 
-    All images have the profile's size, maybe turned by a quarter. Raises FileError if presses are too few, too close
-    together, show no touch or do not lie on a line. Presses in order need a round gel. `ruler` is that of `with_ruler`.
+    All images, and the calibration's untouched gel, are as the camera gives them, in the profile's size. Raises
+    FileError if presses are too few, too close together, show no touch or do not lie on a line. Presses in order need a
+    round gel.
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
     is_measured = bool(np.isfinite(presses.angle).all())
     if not is_measured and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
-    height, width = sensor.image_height, sensor.image_width
-    # A model reads exchanged channels as well, so these stay as they come.
-    candidates = [view for view in views(untouched[0].shape, height, width) if view.channels == AS_IT_IS.channels]
     # The likeliest view, by however little: presses tell only left from right for sure, but a simpler view that was
-    # nearly as likely would make errors a tenth larger.
-    fits = [_fit(view, presses, untouched, sensor, model, ruler) for view in candidates]
-    log_likelihood, fit = max(fits, key=lambda each: each[0])
-    side = _side(fit.calibration.view)
-    exchanged = max(found for found, other in fits if _side(other.calibration.view) != side)
+    # nearly as likely would make errors a tenth larger. A model reads exchanged channels as well.
+    fits = [_fit(view, presses, calibration, sensor, model) for view in VIEWS[:4]]
+    log_likelihood, found, angle, scatter = max(fits, key=lambda fit: fit[0])
+    side = found.view.keeps_left_and_right
+    exchanged = max(fit[0] for fit in fits if fit[1].view.keeps_left_and_right != side)
     for name, image in zip(presses.names, presses.images, strict=True):
-        detector = ContactDetector(sensor, replace(fit.calibration, is_sure=True))
-        try:
-            is_touched = detector.update(detector.read(image))
-        except SettingError as error:
-            raise FileError(f"{name}: {error}; are all presses of the unit whose untouched gel this is?") from error
-        if not is_touched:
-            raise FileError(f"{name}: shows no touch against the untouched gel; does that show one?")
+        detector = ContactDetector(sensor, replace(found, direction=UNCORRECTED))
+        with in_file(name):
+            if not detector.update(detector.read(image)):
+                raise FileError("shows no touch against the untouched gel; does that show one?")
     if log_likelihood == -math.inf:
         raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
     if not is_measured:
-        check_spread(fit.angle)
+        check_spread(angle)
     over, worst = ("the given angles", WORST) if is_measured else ("the places of the imprints", 2.0 * WORST)
-    if fit.scatter > worst:
+    if scatter > worst:
         raise FileError(
-            f"what the presses show lies {np.degrees(fit.scatter):.1f} degrees about a line over {over}, "
+            f"what the presses show lies {np.degrees(scatter):.1f} degrees about a line over {over}, "
             f"allowed are {np.degrees(worst):.0f}: are {over} right, and is the untouched gel of this unit, and "
             "untouched?"
         )
     if log_likelihood - exchanged < LEFT_OR_RIGHT:
-        found = f"found presses within {np.degrees(np.ptp(fit.angle)):.1f} degrees"
-        raise FileError(f"{found}, less than noise can tell left from right by; add some farther apart")
-    scale, usual = fit.calibration.direction.scale, calibrated(sensor, fit.calibration).shown / sensor.shown
-    if not PITCHES[0] < usual / scale < PITCHES[1]:
-        raise FileError(
-            f"directions change by {scale:.2g} of what the presses do, as if an image showed {usual / scale:.2g} times "
-            f"what one of {sensor.name!r} does: are angles in degrees and places in mm?"
-        )
-    return fit
-
-
-def _side(view: CameraView) -> int:
-    """Return another number for views that exchange left and right."""
-    return (view.quarter_turns // 2 + view.mirrored) % 2
+        within = f"found presses within {np.degrees(np.ptp(angle)):.1f} degrees"
+        raise FileError(f"{within}, less than noise can tell left from right by; add some farther apart")
+    if wrong := mismatch(found, sensor):
+        raise FileError(wrong)
+    return found, scatter
 
 
 def _fit(
-    view: CameraView,
-    presses: Presses,
-    untouched: Sequence[Image],
-    sensor: SensorProfile,
-    model: TouchModel,
-    ruler: tuple[Image, float] | None,
-) -> tuple[float, PressFit]:
-    """Return the log likelihood of the presses in a view, and the calibration that follows."""
-    background, is_measured = background_of(view.of(image) for image in untouched), np.isfinite(presses.angle).all()
-    calibration = Calibration(background, view, is_view_known=True)
-    if ruler is not None:
-        calibration = with_ruler(calibration, view.of(ruler[0]), ruler[1], sensor)
-    unit, mean = calibrated(sensor, calibration), reduced(background.mean)
+    view: CameraView, presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
+) -> tuple[float, Calibration, Array, float]:
+    """Return log likelihood, calibration, angle of each press [rad] and scatter about the line [rad] in a view."""
+    gel, is_measured = calibration.background, np.isfinite(presses.angle).all()
+    gel = Background(view.of(gel.mean), view.of(gel.noise))
+    calibration = replace(calibration, background=gel, view=view, is_view_known=True)
+    unit, mean = calibrated(sensor, calibration), reduced(gel.mean)
     seen = [difference_in_light(view.of(image), mean) for image in presses.images]
     measured, variance = np.array([model.read(each)["direction"] for each in seen]).T
     measured *= angle_factor(model, unit)
@@ -268,7 +238,7 @@ def _fit(
         ranks = np.argsort(np.argsort(angle))
         if not np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _IN_ORDER:
             log_likelihood = -math.inf
-    return log_likelihood, PressFit(replace(calibration, direction=correction), angle, measured, scatter)
+    return log_likelihood, replace(calibration, direction=correction), angle, scatter
 
 
 def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:

@@ -208,8 +208,8 @@ def test_turns_past_half_a_turn_are_seen_as_a_calibration_says():
     yaw = np.linspace(np.pi - 0.1, np.pi + 0.1, 20)
     given = recording(np.column_stack([np.full(20, -0.1), np.zeros(20), yaw]), np.arange(20) >= 3)
     levels = np.full((64, 128, 3), 100.0, np.float32)
-    unit = Calibration(Background(levels, levels), direction=DirectionCorrection(0.0, 0.5))
-    assert np.allclose(np.diff(samples_of(given, calibration=unit).yaw), 0.5 * 0.2 / 19)
+    unit = Calibration(Background(levels, levels), direction=DirectionCorrection(0.0, 0.75))
+    assert np.allclose(np.diff(samples_of(given, calibration=unit).yaw), 0.75 * 0.2 / 19)
 
 
 def test_directions_are_those_that_a_recording_says_its_images_show():

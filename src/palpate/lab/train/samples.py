@@ -17,7 +17,7 @@ from palpate.io import load_recording
 from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
-from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, misfit, turned_as
+from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, mismatch
 from palpate.touch.contact_detector import touched
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import LEVELS, Difference, reduced
@@ -183,8 +183,8 @@ def gel_at_rest(
 ) -> tuple[Background, bool]:
     """Return the untouched gel of a recording, else of its unit, without markers, and true if it has markers."""
     name = recording.file or "the recording"
-    known, sensor = calibration and calibration.background, turned_as(recording.sensor, calibration)
-    if calibration and (wrong := misfit(calibration, sensor)):
+    known = calibration and calibration.background
+    if calibration and (wrong := mismatch(calibration, recording.sensor)):
         raise FileError(f"{name}: {wrong}")
     assert recording.contact is not None
     untouched = np.flatnonzero(~recording.contact)
@@ -209,7 +209,7 @@ def _read(
     number, file = numbered
     try:
         recording = load_recording(file, orientation)
-        return number, (samples_of(recording, number, calibration), turned_as(recording.sensor, calibration))
+        return number, (samples_of(recording, number, calibration), recording.sensor)
     except FileError as error:
         return number, str(error)
 
