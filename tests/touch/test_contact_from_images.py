@@ -146,7 +146,7 @@ def test_a_scratch_is_no_touch():
 
 
 def test_stripes_of_a_camera_are_noise():
-    rng, levels = np.random.default_rng(7), np.full((320, 240, 3), 100.0, np.float32)
+    rng, levels = np.random.default_rng(7), np.full((320, 240, 3), (100.0, 101.0, 102.0), np.float32)
 
     def striped() -> Array:
         stripes = np.repeat(rng.normal(0.0, 3.0, (1, 30, 3)), 8, axis=1)
@@ -226,7 +226,7 @@ VIEWS = {
     "it fits mirrored, ": lambda image: image[:, ::-1],
     "it fits turned by 180 degrees, ": lambda image: np.rot90(image, 2),
     "it fits channels BGR, ": lambda image: image[..., ::-1],
-    "found grey, expected colours": lambda image: np.repeat(image[..., :1], 3, axis=2),
+    "are its light or colours off": lambda image: np.repeat(image[..., :1], 3, axis=2),
 }
 
 

@@ -10,7 +10,7 @@ from palpate.arrays import Flags, Image, Levels
 from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, check_view, mismatch
-from palpate.touch.cells import SPARSE, cells_of, check_image, compare, is_flat, is_grey, wide_cells_of
+from palpate.touch.cells import SPARSE, cells_of, check_image, compare, is_grey, wide_cells_of
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
@@ -135,10 +135,9 @@ class ContactDetector:
         self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
 
     def _significant_share(self, image: Image, cells: Levels) -> float:
-        share = compare(cells, self._cells, self._tolerance)
-        is_other_camera_mode = self._is_grey and _colour(cells) > 10.0  # more than noise makes
-        if is_other_camera_mode or (is_flat(cells) and not is_flat(self._cells)):
+        if is_grey(image) != self._is_grey:  # the camera's mode is another, or it sees nothing
             return 1.0
+        share = compare(cells, self._cells, self._tolerance)
         if share <= END or share > _MOST_SCRATCHED:
             return share
         if self._wide_cells is None:  # most frames do without
@@ -154,12 +153,10 @@ class ContactDetector:
         if shows_gel:
             self._steady.seen.clear()
             self.new_view = None
-        elif not self._doubted and not is_flat(cells):
+        elif not self._doubted:
             self.new_view = self._steady.add(image) or self.new_view
         if share <= START or (shows_gel and self._sparse is not None):
             return
-        if _colour(self._cells) > 4.0 and is_grey(image) and not is_flat(cells):
-            raise SettingError("image: found grey, expected colours as the untouched gel has")
         check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
         if not shows_gel:
             known = "what was seen in the first half second or is in the calibration: is"
@@ -167,7 +164,7 @@ class ContactDetector:
                 known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
             raise SettingError(
                 f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is {known} the camera "
-                "covered, turned, or its light out?"
+                "covered or turned, or are its light or colours off?"
             )
 
     def _check_not_repeated(self, image: Image) -> None:
@@ -181,11 +178,6 @@ class ContactDetector:
                 f"image: found the same {self._repeats} times, to the last bit; expected is some noise, as there was "
                 "before: the camera stands still"
             )
-
-
-def _colour(cells: Levels) -> float:
-    """Return the mean difference between channels [grey levels]."""
-    return float(np.ptp(cells, axis=-1).mean())
 
 
 def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:
