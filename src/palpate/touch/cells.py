@@ -162,7 +162,7 @@ def _planes(cells: Records, untouched: Records) -> Records:
         seen, known = np.ascontiguousarray(cells[:, :, channel]), np.ascontiguousarray(untouched[:, :, channel])
         middle, right, down = np.median(seen / np.maximum(known, np.float32(1.0))), 0.0, 0.0
         for _ in range(_FITS):
-            square, pull = np.eye(3), np.zeros(3)  # with ones, so that a black channel has a fit
+            system = np.eye(3, 4)  # with ones, so that a black channel has a fit
             for row in range(rows):
                 y = 2.0 * (row + 0.5) / rows - 1.0
                 at, total, along, along_twice, off_total, off_along = middle + down * y, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -177,37 +177,24 @@ def _planes(cells: Records, untouched: Records) -> Records:
                     along_twice += weight * x * x
                     off_total += part
                     off_along += part * x
-                square[0, 0] += total
-                square[0, 1] += along
-                square[0, 2] += total * y
-                square[1, 1] += along_twice
-                square[1, 2] += along * y
-                square[2, 2] += total * y * y
-                pull[0] += off_total
-                pull[1] += off_along
-                pull[2] += off_total * y
-            _solve(square, pull)
-            middle, right, down = middle + pull[0], right + pull[1], down + pull[2]
-            if max(abs(pull[0]), abs(pull[1]), abs(pull[2])) < _SETTLED:
+                system[0, 0] += total
+                system[0, 1] += along
+                system[0, 2] += total * y
+                system[1, 1] += along_twice
+                system[1, 2] += along * y
+                system[2, 2] += total * y * y
+                system[0, 3] += off_total
+                system[1, 3] += off_along
+                system[2, 3] += off_total * y
+            for i in range(3):  # NumPy's solver would take five seconds to compile
+                for j in range(3):
+                    share = system[min(i, j), max(i, j)] / system[i, i] if j != i else 0.0
+                    for k in range(i + 1, 4):
+                        system[j, k] -= share * system[i, k]
+            for i in range(3):
+                system[i, 3] /= system[i, i]
+            middle, right, down = middle + system[0, 3], right + system[1, 3], down + system[2, 3]
+            if max(abs(system[0, 3]), abs(system[1, 3]), abs(system[2, 3])) < _SETTLED:
                 break
         planes[channel, 0], planes[channel, 1], planes[channel, 2] = middle, right, down
     return planes
-
-
-@compiled
-def _solve(square: Records, pull: Records) -> None:
-    """Replace `pull` by the solution of a positive definite system, given by its upper triangle.
-
-    NumPy's solver would take five seconds to compile.
-    """
-    size = len(pull)
-    for i in range(size):
-        for j in range(i + 1, size):
-            share = square[i, j] / square[i, i]
-            for k in range(j, size):
-                square[j, k] -= share * square[i, k]
-            pull[j] -= share * pull[i]
-    for i in range(size - 1, -1, -1):
-        for j in range(i + 1, size):
-            pull[i] -= square[i, j] * pull[j]
-        pull[i] /= square[i, i]
