@@ -272,7 +272,7 @@ def test_the_command_names_what_is_wrong_in_one_line(tmp_path, unit, fails):
 
     for text, words in {
         "file,angle_deg\na.png,left\n": "line 2: angle_deg is 'left'",
-        "file,y_mm\na.png,21.5\n": "line 2: y_mm is '21.5'; expected -21 to 21 mm on a round gel",
+        "file,place_mm\na.png,21.5\n": "line 2: place_mm is '21.5'; expected -21 to 21 mm on a round gel",
         "file,place_mm,angle_deg\na.png,1,2\n": "found the columns place_mm and angle_deg; one of them is needed",
         "file,angle_deg\ngrey.png,3\n": "table.csv: images are grey",
         "image,angle\na.png,3\n": "found the columns image, angle; expected file and angle_deg",

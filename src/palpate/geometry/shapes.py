@@ -4,7 +4,6 @@ All answer the same questions: `outline`, `signed_distance`, `area`, `centroid` 
 """
 
 import math
-import re
 import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -259,12 +258,9 @@ def _checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
         raise ShapeError("polygon has no area: its vertices lie on one line")
     polygon = shapely.Polygon(corners)
     if not polygon.is_valid:
-        place = re.search(r"\[(\S+) (\S+)\]", reason := shapely.is_valid_reason(polygon))
-        at = f"near ({float(place[1]):.6g}, {float(place[2]):.6g})" if place else f"({reason})"
-        raise ShapeError(f"polygon outline crosses or touches itself {at}; it must not")
-    if not polygon.exterior.is_ccw:
-        corners = np.roll(corners[::-1], 1, axis=0)  # the first stays first
-    return tuple((x, y) for x, y in corners.tolist())
+        raise ShapeError(f"polygon outline crosses or touches itself; it must not: {shapely.is_valid_reason(polygon)}")
+    outline = shapely.get_coordinates(shapely.orient_polygons(polygon))[:-1]
+    return tuple((x, y) for x, y in outline.tolist())
 
 
 def _area_and_centroid(corners: Array) -> tuple[float, Array]:

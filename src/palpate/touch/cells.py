@@ -1,4 +1,4 @@
-"""Images: checks, their cells, and the light in them relative to the untouched gel's.
+"""Images: their cells, and the light in them relative to the untouched gel's.
 
 A cell is the mean over an area of an image, 30 across its shorter side. Cells have less noise than pixels, so a touch
 of 0.1 mm shows, and the gel spreads every touch over more than a cell of 0.6 mm.
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels, Records
 from palpate.compiled import compiled
-from palpate.errors import SettingError
 
 Light = NDArray[np.float64]
 """(channels, 3): relative brightness in the middle of an image, and its change to the right and to the lower border."""
@@ -22,14 +21,6 @@ _ACROSS = 30  # cells over the shorter side
 _OUTLIER = 2.0  # [grey levels] off the light's plane, from which a cell hardly counts
 _FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the plane, and the change of light that ends them
 _DIMMEST, _BRIGHTEST = 0.3, 3.0  # relative brightness
-
-
-def check_image(image: Image, height: int, width: int) -> None:
-    """Raise SettingError unless an image is uint8 (height, width, 3)."""
-    if image.dtype != np.uint8 or image.shape != (height, width, 3):
-        turned = ", turned by a quarter" if image.shape == (width, height, 3) else ""
-        expected = f"uint8 ({height}, {width}, 3): rows, columns, red green blue"
-        raise SettingError(f"image: found {image.dtype} {image.shape}{turned}; expected {expected}")
 
 
 def is_dark(image: Image | Levels) -> bool:

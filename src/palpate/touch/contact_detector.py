@@ -10,7 +10,7 @@ from palpate.arrays import Flags, Image, Levels
 from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, check_view, mismatch
-from palpate.touch.cells import SPARSE, cells_of, check_image, compare, is_grey, wide_cells_of
+from palpate.touch.cells import SPARSE, cells_of, compare, is_grey, wide_cells_of
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
@@ -96,9 +96,12 @@ class ContactDetector:
         view, grey if the untouched gel has colours, without any gel (black, noise, another light), or repeated by a
         camera that hangs.
         """
-        size = self._size or np.atleast_2d(image).shape[:2]
-        check_image(image, *size)
-        self._size = size
+        height, width = self._size or np.atleast_2d(image).shape[:2]
+        if image.dtype != np.uint8 or image.shape != (height, width, 3):
+            turned = ", turned by a quarter" if image.shape == (width, height, 3) else ""
+            expected = f"uint8 ({height}, {width}, 3): rows, columns, red green blue"
+            raise SettingError(f"image: found {image.dtype} {image.shape}{turned}; expected {expected}")
+        self._size = height, width
         if self.background is None:
             if (found := self._steady.add(image)) is not None:
                 self._use(found)

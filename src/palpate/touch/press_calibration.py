@@ -99,10 +99,8 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
             f"found no two imprints of the ruler side by side {1e3 * length:g} mm apart: are they one, or is the "
             "length another?"
         )
-    before, top, after = alike[best - 1 : best + 2]
-    shift = best + 0.5 * (before - after) / (before - 2.0 * top + after)
     # Rendered edges are found 2 % too near to each other, and balls 2 to 5 %, as their inner flanks show more.
-    pitch, sigma = length / float(1.03 * shift), math.hypot(_RULER[0], _RULER[1] / length)
+    pitch, sigma = length / (1.03 * best), math.hypot(_RULER[0], _RULER[1] / length)
     direction = DirectionCorrection(scale_sigma=math.hypot(_OTHER_OBJECTS, sigma))
     return replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma, direction=direction)
 
@@ -127,15 +125,14 @@ def read_presses(
 ) -> Presses:
     """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    `look` reads an image. With the sensor, places (place_mm or y_mm) may stand for angles, and presses in order need
+    `look` reads an image. With the sensor, places (place_mm) may stand for angles, and presses in order need
     neither.
     """
     column, most, unit = "angle_deg", 90.0, "degrees"
-    if sensor and (places := [name for name in table_columns(path) if name in ("place_mm", "y_mm", "angle_deg")]):
-        if len(places) > 1:
-            raise FileError(f"{path}: found the columns {' and '.join(places)}; one of them is needed")
-        if places[0] != column:
-            column, most, unit = places[0], 1e3 * (0.0 if sensor.flat_width else sensor.radius), "mm on a round gel"
+    if sensor and "place_mm" in (columns := table_columns(path)):
+        if column in columns:
+            raise FileError(f"{path}: found the columns place_mm and angle_deg; one of them is needed")
+        column, most, unit = "place_mm", 1e3 * (0.0 if sensor.flat_width else sensor.radius), "mm on a round gel"
     rows = read_table(path, ("file",) if sensor else ("file", column), column if sensor else "")
     has_numbers = any(number for _, (_, number) in rows)
     numbers, images = np.full(len(rows), np.nan), []

@@ -9,8 +9,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -187,9 +188,8 @@ def _settings(path: Path, plain: Mapping[str, Any]) -> ModelSettings:
     try:
         spread = {name: Spread(**value) for name, value in plain["spread"].items()}
         settings = ModelSettings(**{**plain, "spread": spread})
-        numbers = [number for each in spread.values() for number in (each.scale, each.together)]
-        numbers += [settings.image_height, settings.image_width]
-        in_range = all(isinstance(number, int | float) and 0.0 < number < FARTHEST for number in numbers)
+        numbers = settings.image_height, settings.image_width, *chain(*map(astuple, spread.values()))
+        in_range = all(0.0 < number < FARTHEST for number in numbers)
         if set(spread) not in map(set, OUTPUTS) or not in_range or not isinstance(settings.sensor, str):
             raise TypeError("sensor is no name, or spread or image size no set of numbers above 0")
         return settings
