@@ -115,8 +115,8 @@ def chosen(presses: Presses, places: Any) -> Presses:
     [
         (lambda given: chosen(given, [0, 1, 2, 3]), "found 4 presses; at least 5"),
         (lambda given: chosen(given, [3, 3, 3, 3, 3]), "within 0.0 degrees, less than noise can tell left from right"),
-        (lambda given: dataclasses.replace(given, angle=0.5 * given.angle), "are angles in degrees"),
-        (lambda given: dataclasses.replace(given, angle=given.angle[[3, 0, 5, 1, 4, 2]]), "about a line"),
+        (lambda given: dataclasses.replace(given, angle=0.5 * given.angle), "are angles right"),
+        (lambda given: dataclasses.replace(given, angle=given.angle[[3, 0, 5, 1, 4, 2]]), "are angles right"),
         (lambda given: of_camera(chosen(given, [2, 0, 4, 1, 3, 5]), AS_IT_IS, True), "presses in no view"),
         (lambda given: of_camera(chosen(given, [0, 0, 0, 1, 1]), AS_IT_IS, True), "spread over 8 degrees"),
     ],

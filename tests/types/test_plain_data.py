@@ -30,7 +30,7 @@ def test_round_trips():
         ({"type": "disc", "radius": 1, "size": 2}, "size"),
         ({"type": "disc", "radius": "big"}, "radius is 'big'"),
         ({"type": "polygon", "vertices": None}, "polygon vertices"),
-        (["disc"], "object with fields"),
+        (["disc"], "must be an object"),
     ],
 )
 def test_shapes_that_do_not_fit_are_refused(data, message):

@@ -288,13 +288,10 @@ def scaled(shape: Shape, scale: float) -> Shape:
 
 def shape_from_dict(data: Mapping[str, Any]) -> Shape:
     """Return the shape that `shape_to_dict` wrote; raise ShapeError on a wrong type or field."""
-    if not isinstance(data, Mapping):
-        raise ShapeError(f"a shape must be an object with fields, not {data!r}")
-    values = dict(data)
-    name = values.pop("type", None)
-    if not isinstance(name, str) or name not in _SHAPES:
-        raise ShapeError(f"shape type is {name!r}; allowed: {', '.join(_SHAPES)}")
-    kind = _SHAPES[name]
+    values = dict(data) if isinstance(data, Mapping) else {}
+    kind = _SHAPES.get(name := str(values.pop("type", None)))
+    if kind is None:
+        raise ShapeError(f"shape is {reprlib.repr(data)}; it must be an object whose type is {', '.join(_SHAPES)}")
     needed = {field.name for field in fields(kind)}
     if values.keys() != needed:
         raise ShapeError(f"a {name} has the fields {sorted(needed)}, not {sorted(values)}")

@@ -128,7 +128,7 @@ def mismatch(calibration: Calibration, sensor: SensorProfile) -> str:
     if not PITCHES[0] < shown < PITCHES[1]:
         return (
             f"{name}: is as if an image showed {shown:.2g} times what one of {sensor.name!r} does, allowed are "
-            f"{PITCHES[0]:g} to {PITCHES[1]:g}: are angles in degrees, places and ruler in mm, and outlines right?"
+            f"{PITCHES[0]:g} to {PITCHES[1]:g}: are angles right, and the units of angles, places, ruler, outlines?"
         )
     if found == expected or not sensor.image_height:
         return ""

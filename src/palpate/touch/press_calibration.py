@@ -19,15 +19,7 @@ from palpate.arrays import Array, Image
 from palpate.errors import FileError
 from palpate.files import in_file, numbers_of, read_table, table_columns
 from palpate.touch.background import Background
-from palpate.touch.calibration import (
-    PITCHES,
-    UNCORRECTED,
-    VIEWS,
-    Calibration,
-    DirectionCorrection,
-    calibrated,
-    mismatch,
-)
+from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorrection, calibrated
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import START, ContactDetector
 from palpate.touch.pipeline import angle_factor
@@ -177,8 +169,8 @@ def learn_from_presses(
     side = found.view.keeps_left_and_right
     exchanged = max(fit[0] for fit in fits if fit[1].view.keeps_left_and_right != side)
     for name, image in zip(presses.names, presses.images, strict=True):
-        detector = ContactDetector(sensor, replace(found, direction=UNCORRECTED))
         with in_file(name):
+            detector = ContactDetector(sensor, found)
             if not detector.update(detector.read(image)):
                 raise FileError("shows no touch against the untouched gel; does that show one?")
     if log_likelihood == -math.inf:
@@ -195,8 +187,6 @@ def learn_from_presses(
     if log_likelihood - exchanged < LEFT_OR_RIGHT:
         within = f"found presses within {np.degrees(np.ptp(angle)):.1f} degrees"
         raise FileError(f"{within}, less than noise can tell left from right by; add some farther apart")
-    if wrong := mismatch(found, sensor):
-        raise FileError(wrong)
     return found, scatter
 
 
