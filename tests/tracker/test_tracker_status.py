@@ -140,18 +140,14 @@ def knocked(angle: float) -> tuple[Array, Array]:
 
 
 @pytest.mark.parametrize("smoother", SMOOTHERS)
-def test_a_knock_in_contact_strains(smoother):
+def test_a_knock_in_contact_is_doubted_and_followed(smoother):
     o, e = knocked(0.1)
-    _, found = track("rectangle", frames(o, e), o[0], settings("oracle", smoother, SURE, hypotheses=1))
+    _, found = track("rectangle", frames(o, e), o[0], settings("oracle", smoother, SURE))
     said = statuses(found)
     assert set(said[:51]) == {"tracking"}
-    # The covariance is larger by so much that it may count as a guess. It stays so: nothing measures what has shifted.
-    assert {"strained", "uncertain"} >= set(said[52:])
-    later = np.array([estimate.covariance[2, 2] for estimate in found[60:]])
-    assert later.min() > 0.95 * later[0]
+    assert {"ambiguous", "uncertain"} & set(said[51:56])
     # Touch is believed: the turn of 0.1 rad is followed within two frames, and the covariance covers what is left.
     assert np.abs(rotation_errors(poses(found), o))[53:].max() < 5e-3
-    assert found[55].covariance[2, 2] > 4 * found[49].covariance[2, 2]
     for k in range(52, 51 + 30 - 1):
         error = planar.log(planar.between(found[k].pose, o[k]))
         assert error @ np.linalg.solve(found[k].covariance, error) < 7.8

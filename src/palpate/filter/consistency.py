@@ -1,8 +1,6 @@
 """Consistency tests: compare what was predicted with what is measured, in each hypothesis.
 
-- Inconsistency: touch and pushing contradict each other. The statistic is the mean square, over the last steps, of the
-  worst row of the pushing factors [variances]. Above 1 it inflates the reported covariance, for a second.
-- Disturbance: they contradict each other so clearly that something else may have moved the object.
+- Disturbance: touch and pushing contradict each other, so that something else may have moved the object.
 - Contradiction: measured poses of the object are far from its estimate, or put its outline far from the contact.
 - Displacement: the sensor is inside the untouched object's outline, or touches the object far from its outline.
 - Ambiguity: another hypothesis is likely and farther from the best than the tolerance.
@@ -25,9 +23,6 @@ from palpate.graph.window import Window
 from palpate.types.estimate import Status
 from palpate.types.measurements import ObjectPose
 
-_INCONSISTENT, _FADES = 4.0, 0.97
-"""Mean square of errors of pushing [variances] at which they are inconsistent: all simulated pushes are below 2, and a
-disturbance by hand makes it 70 and more. Share of it that stays after a step: it fades in a second."""
 _ALARMS = np.full((2, len(NAMES) + 1), np.inf)
 _ALARMS[0, [TURN, DIRECTION, STICKING, -1]] = 0.5, 1.0, 30.0, 3.0
 _ALARMS[1, DIRECTION] = 0.025
@@ -52,15 +47,6 @@ def disturbance_alarms(window: Window) -> Flags:
     return np.asarray((window.rows["recent"] > _ALARMS).any(axis=(1, 2)))
 
 
-def test_innovations(rows: Hypotheses, inconsistency: Array, is_alone: bool) -> None:
-    """Inflate the covariance where errors of pushing are larger than stated; see `factors.ROW`, (B,).
-
-    It stays inflated where a hypothesis `is_alone`: no other one explains them, and the estimate does not follow.
-    """
-    fades = 1.0 if is_alone else _FADES
-    rows.inconsistency = np.maximum(np.maximum(inconsistency, 1.0), fades * rows.inconsistency)
-
-
 class ConsistencyMonitor:
     """The tests, for one object and sensor. Those named `test_...` write their results to the hypotheses."""
 
@@ -70,10 +56,7 @@ class ConsistencyMonitor:
         self._calibration = np.diag(np.square(settings.sensor_pose.calibration))
 
     def clearance(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
-        """Return the estimated distance of a sensor pose (3,) from the object and its deviation, (B,) each [m].
-
-        The inconsistency is not included: it concerns pushing, not the last contact.
-        """
+        """Return the estimated distance of a sensor pose (3,) from the object and its deviation, (B,) each [m]."""
         gap, by = clearances(belief, self._model, sensor_pose[None])
         return gap[:, 0], np.sqrt(belief.variances(by)[:, 0] + self._contact_deviation**2)
 
@@ -90,7 +73,7 @@ class ConsistencyMonitor:
         variance = rows.belief.variances(by)
         deviation = np.sqrt(variance[:, 0] + self._contact_deviation**2)
         rows.displace(np.where(now < -_SURPRISE * deviation, -now, 0.0))
-        deviation = np.sqrt(rows.inconsistency * variance[:, 1] + _STILL**2)
+        deviation = np.sqrt(variance[:, 1] + _STILL**2)
         by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * ago)
         rows.displace(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
 
@@ -134,7 +117,7 @@ class ConsistencyMonitor:
         """
         known = rows.belief.covariance[:, :3, :3].copy()
         known[:, 2, 2] += rows.unobservable_yaw
-        covariance = rows.inconsistency[:, None, None] * known + self._calibration
+        covariance = known + self._calibration
         by_poses = by_outline = 0.0
         if rows.apart.any():
             covariance = covariance + self.contradiction_covariance(rows)
@@ -148,8 +131,6 @@ class ConsistencyMonitor:
             status = "strained"
         elif rows.displacement[0] and ((known[0].diagonal() > _FOUND).any() or not in_contact):
             status = "displaced"
-        elif in_contact and rows.inconsistency[0] > _INCONSISTENT:
-            status = "strained"
         if not in_contact:
             covariance = covariance + self.displacement_covariance(rows)
         joint, ambiguity = covariance[0], ""

@@ -38,8 +38,6 @@ class Hypotheses(RowArrays):
     """Belief about the object at the last frame, without its `unobservable_yaw`."""
     unobservable_yaw: Array
     """Variance of a round object's yaw that is kept out of the graph, (B,) [rad^2]."""
-    inconsistency: Array
-    """Factor on the reported covariance of the pose, (B,)."""
     displacement: Array
     """Least displacement of the object since it was last touched [m], (B,)."""
     apart: Array
@@ -87,7 +85,6 @@ def single(belief: Belief, sign: float) -> Hypotheses:
     return Hypotheses(
         belief,
         unobservable_yaw=zero,
-        inconsistency=np.ones(1),
         displacement=zero,
         apart=np.zeros((1, 2, _FRAMES)),
         log_prior=zero,

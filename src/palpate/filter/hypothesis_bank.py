@@ -18,7 +18,7 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
-from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms, test_innovations
+from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
 from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, WATCHED, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
@@ -171,7 +171,6 @@ class HypothesisBank:
         rows = self._rows
         rows.belief, rows.age = window.belief(), rows.age + 1
         rows.disturbed_steps_left = np.maximum(rows.disturbed_steps_left - 1, 0)
-        test_innovations(rows, window.rows["inconsistency"], is_alone=self._most == 1)
         if is_measured or rows.apart.any():
             self._monitor.test_outline(rows, sensor_pose, is_measured)
         self._times, self._steps = step.times[-LAG:], self._steps + 1
@@ -201,7 +200,6 @@ class HypothesisBank:
         self._rows = replace(
             single(rows.belief.inflated(pushed), float(rows.sign[0])),
             unobservable_yaw=rows.unobservable_yaw,
-            inconsistency=rows.inconsistency,
             displacement=rows.displacement,
             apart=rows.apart,
         )

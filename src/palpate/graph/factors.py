@@ -106,8 +106,8 @@ ROW = _record(
     {"shared": f"{SHARED_SIZE}f8", "sign": "f8"}
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
     | {"past": PAST, "next_past": PAST}
-    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "errors": f"({LONG},3)f8", "change": "f8"}
-    | {"inconsistency": "f8", "recent": f"(2,{len(NAMES) + 1})f8"}
+    | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "change": "f8"}
+    | {"recent": f"(2,{len(NAMES) + 1})f8"}
     | {"innovations": f"({len(NAMES)},6,3)f8", "moved": f"{LAST_SIZE}f8"}
     | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_lost": "?"}
 )
@@ -118,9 +118,6 @@ ROW = _record(
 - first_...: belief about the object at the beginning: pose, variables, and whitening matrix of their joint covariance.
 - past, next_past: what older steps say, and what they will say once the oldest step has left.
 - covariance: joint covariance of the object's last pose and its variables.
-- errors: squared errors of sticking and balance in the last undisturbed steps, each when it was the last, without
-  kernels [variances].
-- inconsistency: mean of these squares, the largest of the three.
 - recent: mean square error of each factor in the last SHORT and the last LONG steps, without kernels [variances], and
   the cost of their measurements; 0 until there are so many steps.
 - innovations: of the rows of each factor that arrived with the last step, see `Estimate.innovations`.

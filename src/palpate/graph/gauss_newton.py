@@ -22,7 +22,7 @@ from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SI
 assert STEP_SIZE == 6, "_subtract_square writes out six rows"
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
 _PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
-_CONVERGED = 3e-4  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
+_CONVERGED = 5e-5  # [m], [rad] change of a pose; the next frame takes another Gauss-Newton step
 
 Own = tuple[Integers, Array]
 """Steps (M,) of own measurements, and their rows; see `own_measurements.evaluated`."""
@@ -73,47 +73,30 @@ def improve(
     given: Given,
     changing: Flags,
     iterations: int,
-    is_alone: bool,
-    is_new: bool,
 ) -> None:
-    """Take Gauss-Newton steps of the rows that are `changing` (B,) until they converge.
+    """Take Gauss-Newton steps of the rows that are `changing` (B,) until each has converged, which clears its flag.
 
-    Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, and terms (T,) TERM. A row `is_alone`,
-    or goes on until all rows of its sign have converged, but for so many iterations at most. The last step `is_new` in
-    the first call after it was added.
+    Steps (B, N) are STEP, after `left` that have left the window, rows (B,) ROW, and terms (T,) TERM. A row takes
+    so many iterations at most.
     """
     settings, _drift, surface, work = given
-    is_changed = changing.copy()
-    for _ in range(iterations):
-        for b in range(len(rows)):
-            if changing[b]:
-                row, its = rows[b], steps[b]
-                for k in range(len(its)):
-                    _put_touch(its[k], surface)
-                is_found = _eliminate_steps(its, left, row, terms, (own[0], own[1][b]), given)
-                if not (is_found and _move(its, row, work[0].change)):
-                    row.is_lost, row.change = True, 0.0
-        if not _drop_converged(rows, is_alone, changing):
-            break
     for b in range(len(rows)):
-        row, its = rows[b], steps[b]
-        if is_changed[b] and not row.is_lost:
+        if not changing[b]:
+            continue
+        row, its, of_row = rows[b], steps[b], (own[0], own[1][b])
+        for _ in range(iterations):
+            for k in range(len(its)):
+                _put_touch(its[k], surface)
+            is_found = _eliminate_steps(its, left, row, terms, of_row, given)
+            row.is_lost = not (is_found and _move(its, row, work[0].change))
+            changing[b] = not row.is_lost and row.change >= _CONVERGED
+            if not changing[b]:
+                break
+        if not row.is_lost:
             _put_touch(its[len(its) - 1], surface)
-            _conclude(its, row, settings[0], is_new, work[0])
+            _conclude(its, row, settings[0], work[0])
             _put_recent(its, left, row)
-            _put_innovations(its, left, row, terms, (own[0], own[1][b]), given)
-
-
-@kernel
-def _drop_converged(rows: Records, is_alone: bool, changing: Flags) -> bool:
-    """Clear the flags of rows whose group has converged; False if all have."""
-    for b in range(len(rows)):
-        largest = 0.0
-        for c in range(len(rows)):
-            if c == b if is_alone else rows[c].sign == rows[b].sign:
-                largest = max(largest, rows[c].change)
-        changing[b] = changing[b] and largest >= _CONVERGED
-    return bool(changing.any())
+            _put_innovations(its, left, row, terms, of_row, given)
 
 
 @kernel
@@ -261,8 +244,8 @@ def _move(steps: Records, row: Records, change: Array) -> bool:
 
 
 @kernel
-def _conclude(steps: Records, row: Records, settings: Records, is_new: bool, work: Records) -> None:
-    """Write what the moved values say at the last step: angle of the force, errors of pushing, and the object."""
+def _conclude(steps: Records, row: Records, settings: Records, work: Records) -> None:
+    """Write what the moved values say at the last step: angle of the force, innovations of pushing, and the object."""
     last, out = len(steps) - 1, work.linear
     now, before = steps[last], steps[max(last - 1, 0)]
     for k in range(max(last - pushing.REACH, 0), last):
@@ -270,21 +253,10 @@ def _conclude(steps: Records, row: Records, settings: Records, is_new: bool, wor
     now.force_angle = pushing.force_angle(steps, last, row, settings)
     row.innovations[:SENSOR_POSE] = 0.0
     if last > 0 and now.spread == 0.0:
-        if is_new:
-            for i in range(LONG - 1):
-                for r in range(3):
-                    row.errors[i, r] = row.errors[i + 1, r]
-        for kind in (STICKING, BALANCE):  # sticking has two rows, balance one
+        for kind in (STICKING, BALANCE):
             for r in range(of_step(kind, before, now, row, settings, out)):
-                row.errors[LONG - 1, 2 * kind + r] = out.residual[r] ** 2 * out.information[r]
                 row.innovations[kind, r, 0], row.innovations[kind, r, 2] = out.residual[r], 1.0 / out.information[r]
                 out.jacobian[r] = 0.0
-        row.inconsistency = 0.0
-        for r in range(3):
-            total = 0.0
-            for i in range(LONG):
-                total += row.errors[i, r]
-            row.inconsistency = max(row.inconsistency, total / LONG)
     _put_object_covariance(now.g, row, work)
 
 

@@ -82,7 +82,7 @@ class Window:
         begin_step(self._steps)
         self._own.time = step.times[-1]
         self._join(terms, own)
-        self._solve(np.ones(len(self.rows), np.bool_), is_new=True)
+        self._solve(np.ones(len(self.rows), np.bool_))
 
     def take(self, rows: Indices) -> None:
         """Keep these rows, in this order; a row may be taken several times."""
@@ -106,7 +106,6 @@ class Window:
         back = -length * np.arange(1.0, last - first + 1)
         disturbed["g"] = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel()).reshape(*back.shape, 3)
         self._steps[rows, first:] = disturbed
-        self.rows["errors"][rows] = self.rows["inconsistency"][rows] = 0.0
         self._solve(changing)
 
     def belief(self) -> Belief:
@@ -155,19 +154,18 @@ class Window:
             offset = se2.wrap(self._steps["g"][:, -1, 2] - angle)
             self.rows["shared"][:, IN_SHARED[TURN_OFFSET]] = offset[:, None]
 
-    def _solve(self, changing: Flags, is_new: bool = False) -> None:
+    def _solve(self, changing: Flags) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,); see `improve`.
 
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
         terms, steps, rows = self._terms.view(TERM)[:, 0], self._steps, self.rows
         calls, linear = _ITERATIONS if self._own.given else 1, np.empty((len(rows), 0, 0, 0))
-        for call in range(calls):
+        for _ in range(calls):
             if self._own.given:
                 linear = self._own.evaluated(self._left, steps["g"], steps["e"], rows["shared"])
             own, most = (np.array([step for step, _ in self._own.given], np.int64), linear), _ITERATIONS // calls
-            is_first = is_new and call == 0
-            improve(steps, self._left, rows, terms, own, self._given, changing, most, not is_new, is_first)
+            improve(steps, self._left, rows, terms, own, self._given, changing, most)
             if not changing.any():
                 break
         if rows["is_lost"].all():

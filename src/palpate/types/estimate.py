@@ -12,7 +12,7 @@ REASONS: dict[Status, str] = {
     "resting": "",
     "tracking": "",
     "ambiguous": "several poses fit what was measured",
-    "strained": "touch and pushing contradict each other, or did a moment ago",
+    "strained": "measured poses of the object contradict the rest",
     "uncertain": "the pose is known worse than the tolerance",
     "displaced": "the object was moved while nothing touched it",
     "indeterminate": "the graph had no solution and began anew",
