@@ -179,20 +179,7 @@ class Topics:
             stamp = self._start + round(item.time * 1e9)
             words = {name.replace("_", " "): str(count) for name, count in counts.items()}
             for topic, message in estimate_messages(plane, stamp, item, words).items():
-                self._publishers[topic].publish(ros_message(message))
-
-
-def ros_message(message: Any) -> Any:
-    """Return a message of palpate, or a part of one, as rclpy has it."""
-    if isinstance(message, list):
-        return [ros_message(each) for each in message]
-    if (type_ := getattr(message, "__msgtype__", None)) is None:
-        return message
-    _, parts = ros.ros_types("cdr").fielddefs[type_]
-    fields = {name: ros_message(getattr(message, name)) for name, _ in parts}
-    if type_ == "diagnostic_msgs/msg/DiagnosticStatus":
-        fields["level"] = bytes([fields["level"]])  # rclpy takes a byte
-    return message_type(type_)(**fields)
+                self._publishers[topic].publish(ros.serialized(message))  # rclpy takes bytes, too
 
 
 @cache

@@ -30,8 +30,9 @@ class FakeNode:
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=10**9))
 
-    def create_publisher(self, type_: type, topic: str, _: int) -> Any:
-        return SimpleNamespace(publish=self.published.setdefault(topic, []).append)
+    def create_publisher(self, type_: Any, topic: str, _: int) -> Any:
+        heard, store = self.published.setdefault(topic, []), ros_types("cdr")
+        return SimpleNamespace(publish=lambda data: heard.append(store.deserialize_cdr(data, type_.__msgtype__)))
 
     def resolve_topic_name(self, topic: str) -> str:
         return f"/{topic}"

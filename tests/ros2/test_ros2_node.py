@@ -135,7 +135,7 @@ def check_estimates(heard: dict[str, Any], recording: Recording) -> None:
     ("given", "expected"),
     [
         ((), "the object is not known: the parameters shape and first_pose say it"),
-        (("-p", "shape:=disc", "-p", "first_pose:=[0.1, 0.0]"), "first_pose is [0.1, 0.0]; allowed are 3 finite"),
+        (("-p", "shape:=disc", "-p", "first_pose:=[0.1, 0.0]"), "first pose is [0.1, 0.0]; it must be three finite"),
     ],
 )
 def test_what_a_node_is_not_told(given, expected):

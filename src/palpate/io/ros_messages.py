@@ -85,14 +85,12 @@ class MessageWriter:
 
     def add(self, time: int, messages: Mapping[str, Any]) -> None:
         """Add messages, by their topics, that were recorded and sent at a time [ns]."""
-        store = ros_types("cdr")
         for topic, one in messages.items():
-            type_ = one.__msgtype__
             if topic not in self._channels:
-                text = store.generate_msgdef(type_, ros_version=2)[0].encode()
-                schema = self.writer.register_schema(type_, "ros2msg", text)
+                text = ros_types("cdr").generate_msgdef(one.__msgtype__, ros_version=2)[0].encode()
+                schema = self.writer.register_schema(one.__msgtype__, "ros2msg", text)
                 self._channels[topic] = self.writer.register_channel(topic, "cdr", schema)
-            self.writer.add_message(self._channels[topic], time, bytes(store.serialize_cdr(one, type_)), time)
+            self.writer.add_message(self._channels[topic], time, serialized(one), time)
 
 
 @contextmanager
@@ -133,6 +131,11 @@ def nanoseconds(path: Path | str, time: Array) -> list[int]:
 def message(type_: str, **fields: Any) -> Any:
     """Return a message of ROS 2, or a part of one, such as geometry_msgs/msg/Pose."""
     return ros_types("cdr").types[type_](**fields)
+
+
+def serialized(message: Any) -> bytes:
+    """Return a message of ROS 2 as CDR."""
+    return bytes(ros_types("cdr").serialize_cdr(message, message.__msgtype__))
 
 
 def header(time: int, frame: str) -> Any:

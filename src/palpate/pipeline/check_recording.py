@@ -23,7 +23,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - first_pose and its sigma; None where the recording has none.
     - findings: kind (rate, unit, time gap, light or image), start_s, end_s and sentence.
     """
-    time, contact, truth, sensor = recording.time, recording.contact, recording.object_pose, recording.sensor
+    time, contact, sensor = recording.time, recording.contact, recording.sensor
     step, first, sigma = np.diff(time), recording.first_pose, recording.first_pose_sigma
 
     def between(first: int, last: int) -> dict[str, float]:
@@ -34,7 +34,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "duration_s": float(time[-1] - time[0]),
         "rate_hz": float(1.0 / np.median(step)) if len(step) else None,
         "contact_share": None if contact is None else float(np.mean(contact)),
-        "truth_share": 0.0 if truth is None else float(np.mean(~np.isnan(truth).any(axis=1))),
+        "truth_share": float(np.mean(np.isfinite(recording.truth[:, 0]))),
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
         "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
         "first_pose": None if first is None else first.tolist(),

@@ -74,7 +74,7 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
     rotation, status = (figure.add_subplot(grid[row, 1], sharex=translation) for row in (1, 2))
     above.plot(*outline_at(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
     if run.summary["scored_frames"]:
-        above.plot(*millimetres(run.truth[:, :2]), color=TRUTH, lw=3.0, label="truth")
+        above.plot(*millimetres(run.recording.truth[:, :2]), color=TRUTH, lw=3.0, label="truth")
     above.plot(*millimetres(online.pose[:, :2]), color=ESTIMATE, lw=1.4, label="estimate")
     sensor = run.recording.sensor_pose[:, :2]
     above.plot(*millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
@@ -125,7 +125,7 @@ def push_figure(fit: PushFit) -> "Figure":
 def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
     """Draw the object and the sensor's pads at a frame."""
     drawn: list[Artist] = []
-    if np.isfinite(truth := run.truth[frame]).all():
+    if np.isfinite(truth := run.recording.truth[frame]).all():
         drawn += axes.fill(*outline_at(run, truth), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)
     drawn += axes.plot(*outline_at(run, run.online.pose[frame]), color=ESTIMATE, lw=1.8)
     for pad in run.recording.sensor.pads:
@@ -140,7 +140,8 @@ def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     distance, angle = deviations(online.covariance)
     shade: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
     is_scored = bool(run.summary["scored_frames"])
-    off, turned = translation_errors(online.pose, run.truth), rotation_errors(online.pose, run.truth)
+    truth = run.recording.truth
+    off, turned = translation_errors(online.pose, truth), rotation_errors(online.pose, truth)
     for axes, name, error, sigma, least in (
         (translation, "translation {} [mm]", off * 1e3, distance * 1e3, 0.0),
         (rotation, "rotation {} [°]", np.degrees(turned), np.degrees(angle), -1.0),

@@ -47,8 +47,6 @@ class Run:
     """All answers at each frame, the best first; empty at frames with one, which is the estimate."""
     step_ms: Array
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
-    truth: Array
-    """Ground truth that the run is scored by, (N, 3); NaN where it is unknown."""
     summary: dict[str, Any]
     """Scores of the online estimates; see `metrics.summarise`."""
 
@@ -76,12 +74,11 @@ def track(
     begin, total = time.perf_counter(), len(recording)
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
-    truth = np.full((len(recording), 3), np.nan) if recording.object_pose is None else recording.object_pose
     tactile, has_images = settings.tactile, recording.image is not None
     for is_lacking, words in (
         (not has_images and recording.contact is None, "neither images nor contact flags, and tracking needs one"),
         (not has_images and tactile == "learnt", f"no images, which tactile {tactile} needs"),
-        (tactile == "oracle" and np.isnan(truth).all(), "no ground truth, which tactile oracle measures from"),
+        (tactile == "oracle" and np.isnan(recording.truth).all(), "no ground truth, which tactile oracle needs"),
     ):
         if is_lacking:
             raise SettingError(f"{recording.file or 'the recording'}: has {words}")
@@ -101,12 +98,12 @@ def track(
             if keep is None or not estimates:
                 raise
             failure, done = error, len(estimates)
-            recording, truth, step_ms = recording.until(done), truth[:done], step_ms[:done]
+            recording, step_ms = recording.until(done), step_ms[:done]
     settings = replace(settings, tactile=tracker.tactile)
     online, answers = gathered(estimates)
     summary = summarise(
         online,
-        truth,
+        recording.truth,
         step_ms,
         yaw_shows=not isinstance(recording.shape, Disc),
         tactile=settings.tactile,
@@ -125,7 +122,7 @@ def track(
     is_learnt = settings.tactile == "learnt"
     model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
     known = calibration, first, sigma
-    run = Run(recording, settings, model, *known, online, answers, step_ms, truth, summary)
+    run = Run(recording, settings, model, *known, online, answers, step_ms, summary)
     if failure is not None and keep:
         keep(run)
         raise failure

@@ -75,8 +75,8 @@ class Recording:
                     raise FileError(f"{name}: found {given.tolist()}, allowed are {least:g} to {checks.FARTHEST:g}")
         if self.first_pose_sigma is not None and self.first_pose is None:
             raise FileError("first_pose_sigma: found one without a first_pose; allowed is one with it")
-        if self.first_pose is None and self.object_pose is not None and (known := self.trusted_truth).any():
-            settle("first_pose", self.object_pose[np.argmax(known)].copy())
+        if self.first_pose is None and (known := np.isfinite(self.truth[:, 0])).any():
+            settle("first_pose", self.truth[np.argmax(known)].copy())
             settle("first_pose_sigma", np.array(FirstPoseSettings().truth))
         if self.contact is not None:
             settle("contact", checks.checked_array("contact", self.contact, checks.FLAGS, (n,)).astype(np.bool_))
@@ -194,9 +194,9 @@ class Recording:
         return replace(self, **cut, extra={name: value[:count] for name, value in self.extra.items()})
 
     @property
-    def trusted_truth(self) -> Flags:
-        """True at frames (N,) whose ground truth is known."""
-        return np.zeros(len(self), np.bool_) if self.object_pose is None else np.isfinite(self.object_pose[:, 0])
+    def truth(self) -> Array:
+        """Ground truth, (N, 3) [m, m, rad]; NaN where it is not known."""
+        return np.full((len(self), 3), np.nan) if self.object_pose is None else self.object_pose
 
     def __len__(self) -> int:
         return len(self.time)

@@ -1,6 +1,7 @@
 """`palpate simulate` and `truth`: recordings of a simulated sensor, and ground truth by a camera and printed tags."""
 
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -182,7 +183,7 @@ def truth(
     palpate.write_recording(found, out, overwrite=force)
     summary = {
         "frames": len(found),
-        "with_truth": int(found.trusted_truth.sum()),
+        "with_truth": sum(map(isfinite, found.truth[:, 0])),
         "delay_s": alignment.delay,
         "delay_sigma_s": float(alignment.sigma[3]),
         "object_height_mm": tag_on_object.height * 1e3,

@@ -245,7 +245,7 @@ def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
     online = Trajectory(recording.time, pose, covariance, episode >= 0, *said)
     summary = summarise(online, truth, took, yaw_shows=not isinstance(recording.shape, Disc))
     first = truth[0], np.array(CAPTURE)
-    return Run(recording, settings.tracker, None, None, *first, online, (), took, truth, summary)
+    return Run(recording, settings.tracker, None, None, *first, online, (), took, summary)
 
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -223,7 +223,7 @@ def _track(
         words = " ".join(str(error).split()).removeprefix(f"{path}: ")
         words = words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
         return (name, method), _Failure(words, isinstance(error, SettingError | ShapeError))
-    online, truth = run.online, run.truth
+    online, truth = run.online, run.recording.truth
     trial = Trial(
         recording=name,
         method=method,

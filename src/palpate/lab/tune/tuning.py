@@ -196,7 +196,7 @@ def _scored(named: tuple[str, Path], settings: StudySettings) -> tuple[str, dict
         return name, None
     except PalpateError as error:
         return name, f"{path}: {str(error).removeprefix(f'{path}: ')}"
-    if not np.isfinite(run.truth).any():
+    if not np.isfinite(run.recording.truth).any():
         return name, f"{path}: has no ground truth, which noise is learnt from"
     if run.summary["nats"] is None:
         return name, f"{path}: is never in contact where ground truth is known, so there is nothing to score"
