@@ -170,10 +170,10 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         allowed = "an array of uint8 (height, width, 3): rows, columns, red green blue; decode encoded images first"
         raise FrameError(f"{when} has an image of {found}; it must be {allowed}")
     added = (checked_measurements(time, each, tips) for each in (frame.measurements, measurements))
-    return Frame(
+    return replace(
+        frame,
         time=time,
         sensor_pose=pose,
-        image=image,
         contact=None if frame.contact is None else bool(frame.contact),
         object_pose=None if object_pose is None else _planar(when, object_pose),  # NaN where a camera loses the object
         measurements=tuple(chain.from_iterable(added)),

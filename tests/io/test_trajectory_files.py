@@ -1,26 +1,15 @@
-"""Trajectories on disk: TUM and estimates.csv."""
+"""Trajectories on disk: estimates.csv."""
 
 import csv
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from recording_samples import trajectory
 
-from palpate import FileError, Trajectory
-from palpate.io.estimates import write_estimates_csv, write_tum
+from palpate import Trajectory
+from palpate.io.estimates import write_estimates_csv
 
 COLUMNS = "time,x,y,theta,xx,xy,xtheta,yy,ytheta,thetatheta,contact,status,reason"
-
-
-def test_tum_lines_are_as_the_format_has_them(tmp_path):
-    path = tmp_path / "a.tum"
-    write_tum(trajectory(1, time=np.array([1.5]), pose=np.array([[1.0, -2.0, np.pi / 2]])), path)
-    # A quarter turn about z: qz = qw = sqrt(1/2).
-    line = "1.500000000 1.000000000 -2.000000000 0.000000000 0.000000000 0.000000000 0.707106781 0.707106781\n"
-    assert path.read_text() == line
-    with pytest.raises(FileError, match="already exists"):
-        write_tum(trajectory(), path)
 
 
 def test_csv_round_trip_is_exact(tmp_path):

@@ -1,6 +1,6 @@
-"""Estimates in files: TUM text, `estimates.csv` with covariance, status and its reason, and messages in an MCAP.
+"""Estimates in files: `estimates.csv` with covariance, status and its reason, and messages in an MCAP.
 
-TUM has lines `t x y z qx qy qz qw` [s, m], here of poses in the plane. `estimates.csv` has one estimate a row in full
+`estimates.csv` has one estimate a row in full
 double precision, SI units and radians; the covariance is that of the tangent vector at the estimate (right, body
 frame), and contact is 1 or 0.
 
@@ -59,14 +59,6 @@ def estimate_messages(
         POSES_WITH_COVARIANCE: ros.message(ros.POSE_WITH_COVARIANCE, header=head, pose=both),
         DIAGNOSTICS: ros.message("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[diagnosis]),
     }
-
-
-def write_tum(data: Trajectory, path: Path) -> None:
-    """Write poses with 9 decimals. Raises FileError if the file exists."""
-    zero, half = np.zeros(len(data)), data.pose[:, 2] / 2
-    table = np.column_stack([data.time, data.pose[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
-    with whole_file(path) as temporary:
-        np.savetxt(temporary, table, fmt="%.9f")
 
 
 def write_estimates_csv(data: Trajectory, path: Path) -> None:

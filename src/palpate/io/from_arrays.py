@@ -13,7 +13,7 @@ from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_t
 from palpate.errors import FileError
 from palpate.files import existing_file, in_file
 from palpate.types import space
-from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
+from palpate.types.images import camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
 from palpate.types.placement import Placement
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
@@ -60,7 +60,7 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
 
 
 def encoded_images(
-    name: str, images: Any, indices: Sequence[int], size: tuple[int, int], orientation: str, codec: Codec
+    name: str, images: Any, indices: Sequence[int], size: tuple[int, int], orientation: str
 ) -> tuple[bytes, ...]:
     """Return some images, fitted to a size (rows, columns), as encoded bytes; bytes stay as they are.
 
@@ -76,7 +76,7 @@ def encoded_images(
             with in_file(f"{name}: image {index}"):
                 pixels = as_array("pixels", image)
                 if pixels.ndim > 1 or pixels.dtype != np.uint8:
-                    data.append(encode_image(fitted(checked_pixels(pixels), size, view), codec))
+                    data.append(encode_image(fitted(checked_pixels(pixels), size, view)))
                     continue
             image = pixels.tobytes()  # encoded, as OpenCV and messages have it
         try:
@@ -118,7 +118,6 @@ def planar_recording(
     images: tuple[str, Any] | None,
     contact: Flags | None,
     sensor: SensorProfile,
-    codec: Codec = "jpeg",
     **fields: Any,
 ) -> tuple[Recording, Plane]:
     """Return frames at times (N,) [ns] as a recording in a plane; a warning says how many without pose are left out.
@@ -137,15 +136,15 @@ def planar_recording(
         logger.warning(words, what, left_out, len(time))
     size, image = (sensor.image_height, sensor.image_width), None
     if images is not None:
-        image = encoded_images(*images, np.flatnonzero(keep).tolist(), size, placement.orientation, codec)
+        image = encoded_images(*images, np.flatnonzero(keep).tolist(), size, placement.orientation)
     placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
-    if isinstance(placement.plane, str):
+    if isinstance(placement.plane, str) and placement.plane == "fit":
         from palpate.touch.contact_detector import touched
 
         touching = touched(image or (), sensor) if contact is None else contact
         plane = space.plane_through(what, frame, placed.position[touching if touching.any() else ...])
     else:
-        plane = space.plane_across(frame, np.array(placement.plane, np.float64), placed.position)
+        plane = space.plane_across(frame, placement.plane, placed.position)
     sensor_pose = space.in_plane(plane, placed, placement.off_plane, time)
     upright = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
     if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > space.STEEPEST:

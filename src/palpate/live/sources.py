@@ -72,10 +72,6 @@ class Sources:
     time_offset: float = 0.0
     """Added to the times of images [s]: negative where they are late."""
 
-    def __post_init__(self) -> None:
-        if not abs(self.time_offset) <= 1.0:
-            raise SettingError(f"time_offset is {self.time_offset:g}; allowed are -1 to 1 s live")
-
 
 class PoseTrack:
     """The latest sensor poses, and the pose at the time of an image."""

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import palpate
 from palpate.errors import FileError
-from palpate.io.estimates import write_estimates_csv, write_estimates_mcap, write_tum
+from palpate.io.estimates import write_estimates_csv, write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.figures import drawing, run_figure
 from palpate.pipeline.track import Run
 from palpate.types.space import Plane
 
 SUMMARY = "summary.json"
-FILES = {"settings.json", "trajectory.tum", "estimates.csv", SUMMARY, "figure.png"}
+FILES = {"settings.json", "estimates.csv", SUMMARY, "figure.png"}
 """Files of every run."""
 RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
 """Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
@@ -65,7 +65,6 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         "recording": RECORDING if file is None else str(file.absolute()),
         **asdict(run.settings),
     }
-    write_tum(online, folder / "trajectory.tum")
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, plane=mcap)

@@ -5,7 +5,7 @@ import struct
 import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,14 +86,12 @@ def encode_image(image: Image, codec: Codec = "jpeg") -> bytes:
     from PIL import Image
 
     checked_pixels(image)
-    if codec not in get_args(Codec):
-        raise FileError(f"codec: found {codec!r}, allowed are 'jpeg' and 'png'")
     data = io.BytesIO()
     Image.fromarray(image).save(data, codec, quality=95, compress_level=1)
     return data.getvalue()
 
 
-def decode_image(data: bytes, size: tuple[int, int] | None = None, view: CameraView = AS_IT_IS) -> Image:
+def decode_image(data: bytes, size: tuple[int, int] | None = None) -> Image:
     """Return the RGB image that a PNG or JPEG holds, `fitted` to a size if one is given. Raises FileError.
 
     A turn in the EXIF data is ignored: viewers and phones write it, cameras of touch sensors do not.
@@ -109,7 +107,7 @@ def decode_image(data: bytes, size: tuple[int, int] | None = None, view: CameraV
         raise FileError(f"is an image that is far too large ({error})") from error
     except (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error) as error:
         raise FileError(f"its {len(data)} bytes do not decode as {codec_of(data) or 'JPEG or PNG'}") from error
-    return pixels if size is None else fitted(pixels, size, view)
+    return pixels if size is None else fitted(pixels, size)
 
 
 def scaled(image: Image, size: tuple[int, int]) -> Image:

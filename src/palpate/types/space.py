@@ -111,14 +111,12 @@ def placed_now(name: str, numbers: Array) -> Placed:
 
 def onto_gel(placement: Placement) -> Callable[[Placed], Placed]:
     """Return the function that makes the gel's poses from those of its part; raises PalpateError on any bad choice."""
-    normal, offset, gel = placement.plane, placement.time_offset, None
+    offset, gel = placement.time_offset, None
     camera_view(placement.orientation)
     if placement.sensor_T_gel is not None:
         numbers = pose_numbers("sensor_T_gel", [placement.sensor_T_gel])
         checks.check_metres("sensor_T_gel", np.vstack([np.zeros(3), numbers[:, :3]]))
         gel = placed_now("sensor_T_gel", numbers)
-    if not (isinstance(normal, str) and normal == "fit") and finite_numbers(normal, (3,)) is None:
-        raise SettingError(f"plane is {normal!r}; allowed are fit, or three numbers: its normal")
     if checks.checked_number(placement.off_plane, 1e-9, checks.FARTHEST) is None:
         raise SettingError(f"off_plane is {placement.off_plane!r}; allowed is a length above 0 [m]")
     if checks.checked_number(offset, -checks.LONGEST, checks.LONGEST) is None:
@@ -143,7 +141,7 @@ class GelPoses:
         if how.sensor_T_gel is None and np.shape(pose) == (3,):
             return np.array(pose, np.float64)
         gel = self._onto_gel(placed_now("pose", pose_numbers("pose", [pose])))
-        self.plane = plane = self.plane or plane_across(frame, np.array(how.plane, np.float64), gel.position)
+        self.plane = plane = self.plane or plane_across(frame, how.plane, gel.position)
         if frame != plane.frame:
             raise FileError(f"pose: it is given in frame {frame!r}, the first was in {plane.frame!r}")
         return in_plane(plane, gel, how.off_plane)[0]
@@ -200,12 +198,12 @@ class Plane:
     """Distance of the plane from the frame's origin along the normal [m]."""
 
 
-def plane_across(frame: str, normal: Array, position: Array) -> Plane:
+def plane_across(frame: str, normal: object, position: Array) -> Plane:
     """Return the plane with a normal (3,), of any length, at the median height of positions (N, 3) [m]."""
-    length = np.linalg.norm(normal)
-    if not np.isfinite(normal).all() or length < 1e-9:
-        raise FileError(f"the plane's normal is {normal.tolist()}, allowed are three numbers that are not all 0")
-    z = normal / length
+    z = finite_numbers(normal, (3,))
+    if z is None or np.linalg.norm(z) < 1e-9:
+        raise SettingError(f"plane is {normal!r}; allowed are fit, or three numbers that are not all 0: its normal")
+    z = z / np.linalg.norm(z)
     # A frame whose x axis is the normal itself has its y axis in the plane.
     x = np.eye(3)[0 if abs(z[0]) < 0.99 else 1]
     x = x - (x @ z) * z
