@@ -25,6 +25,7 @@ from .touch.calibration import Calibration as Calibration
 from .touch.calibration import load_calibration as load_calibration
 from .touch.touch_model import TouchModel as TouchModel
 from .tracker import Tracker as Tracker
+from .types.choices import BagChoices as BagChoices
 from .types.estimate import Estimate as Estimate
 from .types.estimate import Trajectory as Trajectory
 from .types.measurements import ContactCorner as ContactCorner
@@ -35,7 +36,6 @@ from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
 from .types.measurements import Turn as Turn
-from .types.placement import BagChoices as BagChoices
 from .types.recording import Recording as Recording
 from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI

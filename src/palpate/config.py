@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict, dataclass, fields, replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 
@@ -15,21 +15,13 @@ from palpate.arrays import Array
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json, whole_file
 from palpate.geometry.se2 import Sigmas
+from palpate.types.choices import SmootherName, TactileChoice
 from palpate.types.measurements import finite_numbers
 
 Normal = tuple[float, float]
 """Mean and standard deviation."""
 Kernel = float | None
 """Scale of a Cauchy kernel [standard deviations]; None is a plain square."""
-
-Tactile = Literal["none", "oracle", "learnt"]
-"""Source of the touch measurements: none, the true turn of the sensor from ground truth (oracle), or contact direction
-and turn from the touch model (learnt), or one of the two alone."""
-TactileChoice = Literal["auto", Tactile]
-"""auto is learnt if there are images that fit the touch model, else none."""
-
-SmootherName = Literal["fixed-lag", "batch"]
-"""Solver for the graph of a contact: Gauss-Newton on a sliding window, or on all steps of the contact (batch)."""
 
 
 def _checked(name: str, given: Any, kind: Any, zero_allowed: bool) -> float | tuple[float, ...] | None:

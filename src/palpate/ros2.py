@@ -23,9 +23,9 @@ from palpate.live.session import LiveSession, stop_on_signals
 from palpate.live.sources import Sources, TimedPose, TouchImage, checked_pose
 from palpate.touch.calibration import load_calibration
 from palpate.tracker import Tracker
+from palpate.types.choices import Placement
 from palpate.types.estimate import Estimate
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
-from palpate.types.placement import Placement
 from palpate.types.sensor import DIGIT
 from palpate.types.space import GelPoses
 

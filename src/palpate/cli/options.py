@@ -6,19 +6,14 @@ help from the docstrings. Nothing heavy is imported before a method is called, s
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import tyro
 
 import palpate
 from palpate.errors import SettingError
-from palpate.types.placement import BagChoices
+from palpate.types.choices import BagChoices, SmootherName, TactileChoice, Unit
 
-# The library's choices, repeated here so that --help need not import it.
-Tactile = Literal["none", "oracle", "learnt"]
-TactileChoice = Literal["auto", Tactile]
-SmootherName = Literal["fixed-lag", "batch"]
-ShapeUnit = Literal["m", "cm", "mm", "in"]
 Numbers = tuple[float, float, float]
 """A pose or its standard deviations [m, m, rad]."""
 
@@ -134,7 +129,7 @@ class Bag:
             "outline in a file (CSV, JSON, SVG or DXF).",
         ),
     ] = None
-    shape_unit: Annotated[ShapeUnit | None, arg(default="m, or the unit of the drawing")] = None
+    shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
     sensor: Sensor = "digit"
     choices: BagChoices = field(default_factory=BagChoices)

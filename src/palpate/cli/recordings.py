@@ -153,7 +153,7 @@ def calibrate(
             images, their first half seconds are the untouched gel.
         model: Folder of the touch model that reads presses and pushes.
     """
-    from palpate.pipeline.figures import drawing, push_figure
+    from palpate.pipeline.figures import draw, push_figure
     from palpate.pipeline.push_calibration import first_images, learn_from_pushes, read_push
     from palpate.touch.background import background_of
     from palpate.touch.calibration import write_calibration
@@ -205,8 +205,13 @@ def calibrate(
         numbers |= {"pushes": len(pushed), "misfit": learnt.misfit, "robot": about}
         unknown = [name for name, row in about.items() if row["sigma"] > 0.9 * row["sigma_before"]]
         notes += [f"These pushes do not show: {', '.join(unknown)}."] if unknown else []
-        with drawing(str(out.with_suffix(".png"))), whole_file(out.with_suffix(".png"), overwrite=True) as part:
-            push_figure(learnt).savefig(part, format="png", dpi=120)
+        picture = out.with_suffix(".png")
+
+        def save_picture() -> None:
+            with whole_file(picture, overwrite=True) as part:
+                push_figure(learnt).savefig(part, format="png", dpi=120)
+
+        draw(str(picture), save_picture)
     write_calibration(calibration, out, overwrite=force)
     files = {"file": file and str(file), "out": str(out)}
     if presses and not calibration.view.keeps_left_and_right:

@@ -11,7 +11,7 @@ from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg
 from palpate.errors import PalpateError, SettingError
 from palpate.files import new_file
-from palpate.types.placement import BagChoices, Placement
+from palpate.types.choices import BagChoices, Placement
 
 SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
 """Columns of the table of several runs."""
@@ -43,7 +43,7 @@ def track(
         view: Write this page and open it.
     """
     from palpate.io.ros_messages import nanoseconds
-    from palpate.pipeline.figures import drawing
+    from palpate.pipeline.figures import draw
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
     from palpate.viewer.page import write_page
 
@@ -65,8 +65,7 @@ def track(
 
                 def keep(run: "palpate.Run", part: Path = part, plane: Any = plane if mcap else None) -> None:
                     if has_page:
-                        with drawing(PAGE):
-                            write_page(run, part / PAGE)
+                        draw(PAGE, lambda: write_page(run, part / PAGE))
                     write_files(run, part, plane)
 
                 with progress_bar(file.name, len(recording)) as progress:

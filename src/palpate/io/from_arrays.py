@@ -13,8 +13,8 @@ from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_t
 from palpate.errors import FileError
 from palpate.files import existing_file, in_file
 from palpate.types import space
+from palpate.types.choices import Placement
 from palpate.types.images import camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
-from palpate.types.placement import Placement
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import Placed, Plane, Times

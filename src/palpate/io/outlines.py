@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -18,10 +18,9 @@ from palpate.checks import FARTHEST, METRES, is_near
 from palpate.errors import FileError, SettingError, ShapeError, one_line
 from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
+from palpate.types.choices import Unit
 
 logger = logging.getLogger(__name__)
-
-Unit = Literal["m", "cm", "mm", "in"]
 
 TOLERANCE = 2e-5
 """[m] Largest deviation of an outline from a drawn curve, or from the many corners of a table."""

@@ -1,6 +1,7 @@
 """A bag as a recording: each image with the pose that the sensor had when it was taken."""
 
 import logging
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
@@ -18,8 +19,8 @@ from palpate.geometry.shapes import Shape
 from palpate.io.from_arrays import nanoseconds, planar_recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
+from palpate.types.choices import BagChoices
 from palpate.types.images import encode_image
-from palpate.types.placement import BagChoices
 from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate.types.space import Placed, Plane, Times, onto_gel
@@ -191,22 +192,25 @@ def _only(found: Contents, what: str, names: list[str], chosen: str | None, opti
 def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
     """Return a bag whose contents are known as a recording; see `read_bag`."""
     of_gel, flags = onto_gel(choices), None
-    images: dict[int, Any] | None = None
+    seen: list[tuple[int, Any]] | None = None
     are_flags = not sensor.image_height or (found.of((BOOL,)) and not found.of(IMAGE_TYPES))
     if choices.image_times is not None:
         place, truth = _sources(found, choices)
-        topic, images = str(choices.image_times), _listed_images(Path(choices.image_times), choices.images)
+        topic, seen = str(choices.image_times), _listed_images(Path(choices.image_times), choices.images)
     else:
         types, what = ((BOOL,), "topic of contact flags") if are_flags else (IMAGE_TYPES, "image topic")
         topics = found.of(types)
         topic = _only(found, what, [*topics], choices.images, "--images TOPIC")
         place, truth = _sources(found, choices, topics[topic])
         if not are_flags:
-            images = _images(found, topic, choices.clock)
-    if images is None:
+            seen = list(_images(found, topic, choices.clock))
+    images = dict(seen or ())
+    if seen is None:
         stamps, flags = _flags(found.of((BOOL,))[topic], place, choices.clock, sensor.rate)
     else:
         stamps = np.array(sorted(images), np.int64)
+        if repeated := len(seen) - len(images):
+            logger.warning("%s: %d images have the time of another one and are left out", topic, repeated)
     time = stamps + round(choices.time_offset * 1e9)
     return BagReading(
         *planar_recording(
@@ -216,7 +220,7 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
             choices,
             of_gel(place.placed(choices.clock, time)),
             truth and truth.placed(choices.clock, time),
-            None if images is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
+            None if seen is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
             flags,
             sensor,
             shape=shape,
@@ -241,9 +245,8 @@ def _flags(stream: Stream, place: _Source, clock: str, rate: float) -> tuple[Tim
     return time, np.array(stream.numbers)[order][latest] == 1.0
 
 
-def _images(found: Contents, topic: str, clock: str) -> dict[int, bytes | FileError]:
-    """Return the encoded images of a topic by their times [ns], or the error on one that is damaged."""
-    images, repeated = dict[int, bytes | FileError](), 0
+def _images(found: Contents, topic: str, clock: str) -> Iterator[tuple[int, bytes | FileError]]:
+    """Yield times [ns] and encoded images of a topic, or the error on one that is damaged."""
     with suppress(CutShort):  # of which `contents` has warned
         for raw in bag_messages(found.path):
             if raw.channel.topic != topic or not raw.channel.is_read or raw.channel.type not in IMAGE_TYPES:
@@ -251,19 +254,15 @@ def _images(found: Contents, topic: str, clock: str) -> dict[int, bytes | FileEr
             with suppress(FileError):  # `contents` has counted messages that do not decode
                 message = decoded(raw)
                 time = raw.log_time if clock == "log" else stamp_of(message) or 0
-                repeated += time in images
                 try:
                     data = image_in(message)
-                    images[time] = data if isinstance(data, bytes) else encode_image(data, "png")
+                    yield time, data if isinstance(data, bytes) else encode_image(data, "png")
                 except FileError as error:
-                    images[time] = error
-    if repeated:
-        logger.warning("%s: %d images have the time of another one and are left out", found.path, repeated)
-    return images
+                    yield time, error
 
 
-def _listed_images(table: Path, folder: Path | str | None) -> dict[int, Path]:
-    """Return the files of images by their times [ns], as a table lists them, in a folder, by default the table's."""
+def _listed_images(table: Path, folder: Path | str | None) -> list[tuple[int, Path]]:
+    """Return times [ns] and files of images as a table lists them, in a folder, by default the table's."""
     with in_file(table):
         rows = read_table(table, ("time", "file"))
         for line, (time, _) in rows:
@@ -272,7 +271,4 @@ def _listed_images(table: Path, folder: Path | str | None) -> dict[int, Path]:
         are_whole = all(time.isdecimal() for _, (time, _) in rows)
         stamps = nanoseconds("time", [int(row[0]) if are_whole else float(row[0]) for _, row in rows], least=1e-3)
     files = [(folder or table.parent) / Path(name) for _, (_, name) in rows]
-    found = dict(zip(stamps.tolist(), files, strict=True))
-    if repeated := len(files) - len(found):
-        logger.warning("%s: %d images have the time of another one and are left out", table, repeated)
-    return found
+    return list(zip(stamps.tolist(), files, strict=True))

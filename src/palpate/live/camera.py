@@ -14,8 +14,8 @@ import numpy as np
 
 from palpate.errors import SettingError
 from palpate.live.sources import Clock, Image, Sources, TouchImage, clock_from, udp_poses
+from palpate.types.choices import Placement
 from palpate.types.images import CameraView, camera_view, scaled
-from palpate.types.placement import Placement
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
 

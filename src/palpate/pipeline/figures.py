@@ -2,8 +2,8 @@
 
 import logging
 import textwrap
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,15 +49,12 @@ def own_style(**settings: Any) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def drawing(what: str) -> Iterator[None]:
-    """Draw what a run can do without: if that fails, a warning says so and nothing else is lost."""
+def draw(what: str, made: Callable[[], object]) -> None:
+    """Make a drawing that a run can do without: if that fails, a warning says so and nothing else is lost."""
     try:
-        with ExitStack() as stack:
-            with suppress(Exception):  # such as an environment that matplotlib refuses; drawing then fails alike
-                stack.enter_context(own_style())
-            yield
-    except Exception as error:  # of a library, by its fonts or the data
+        with own_style():
+            made()
+    except Exception as error:  # of a library, by its fonts, the data or the environment
         logger.warning("%s is left out: %s: %s", what, type(error).__name__, one_line(error))
 
 

@@ -12,7 +12,7 @@ import palpate
 from palpate.errors import FileError
 from palpate.io.estimates import write_estimates_csv, write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
-from palpate.pipeline.figures import drawing, run_figure
+from palpate.pipeline.figures import draw, run_figure
 from palpate.pipeline.track import Run
 from palpate.types.space import Plane
 
@@ -68,8 +68,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, plane=mcap)
-    with drawing("figure.png"):
-        run_figure(run).savefig(folder / "figure.png", dpi=120)
+    draw("figure.png", lambda: run_figure(run).savefig(folder / "figure.png", dpi=120))
     if file is None:
         write_recording(run.recording, folder / RECORDING)
     for name, data in (("settings.json", settings), (SUMMARY, run.summary)):  # last of all: a folder with both is whole

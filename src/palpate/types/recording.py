@@ -14,9 +14,9 @@ from palpate.config import FirstPoseSettings
 from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
+from palpate.types.choices import Normal, Placement
 from palpate.types.images import AS_IT_IS, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
-from palpate.types.placement import Normal, Placement
 from palpate.types.sensor import SensorProfile, known_sensor
 
 Images = Image | Sequence[Image | bytes | str | Path]

@@ -16,9 +16,9 @@ from palpate import checks
 from palpate.arrays import Array, Flags, Times
 from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
+from palpate.types.choices import Placement
 from palpate.types.images import camera_view
 from palpate.types.measurements import finite_numbers
-from palpate.types.placement import Placement
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.errors import FileError
 from palpate.geometry.se2 import ellipses_95
-from palpate.pipeline.figures import ESTIMATE, OTHERS, draw_moment, millimetres, outline_at, own_style, run_figure
+from palpate.pipeline.figures import ESTIMATE, OTHERS, draw_moment, millimetres, outline_at, run_figure
 from palpate.pipeline.track import Run
 
 PAGE = """<!DOCTYPE html>
@@ -43,7 +43,6 @@ show();
 """
 
 
-@own_style()
 def write_page(run: Run, path: Path) -> None:
     """Write the page of a run."""
     from PIL import Image

@@ -9,9 +9,10 @@ import tyro
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
-from palpate.cli.options import Force, Sensor, ShapeUnit, Workers, arg
+from palpate.cli.options import Force, Sensor, Workers, arg
 from palpate.errors import SettingError
 from palpate.files import in_file, new_file
+from palpate.types.choices import Unit
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Pushes:
             "rectangle such as 0.09x0.06 [m], or an outline in a file. Repeat for more.",
         ),
     ] = ()
-    shape_unit: Annotated[ShapeUnit | None, arg(default="m, or the unit of the drawing")] = None
+    shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
     count: Annotated[int, arg("N")] = 10
     """Recordings of each object."""

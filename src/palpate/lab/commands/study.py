@@ -9,20 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
-from palpate.cli.options import (
-    NOISE,
-    Estimator,
-    Orientation,
-    RecordingsFolder,
-    SensorUnit,
-    Tactile,
-    Touch,
-    Workers,
-    arg,
-)
+from palpate.cli.options import NOISE, Estimator, Orientation, RecordingsFolder, SensorUnit, Touch, Workers, arg
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, new_file
 from palpate.lab import required
+from palpate.types.choices import Tactile
 
 if TYPE_CHECKING:
     from palpate.lab.tune.tuning import Tuning

@@ -19,7 +19,7 @@ import numpy as np
 
 import palpate
 from palpate.arrays import Array, Flags
-from palpate.config import Tactile, TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
 from palpate.files import read_arrays, read_json, whole_file
 from palpate.geometry.shapes import shape_to_dict
@@ -31,6 +31,7 @@ from palpate.pipeline.track import Run, track
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker import warm_up
+from palpate.types.choices import Tactile
 
 FORMAT = {"format": "palpate-study", "version": 4}
 

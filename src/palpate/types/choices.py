@@ -1,12 +1,21 @@
-"""Choices that make frames in a plane of what a robot recorded; the command line makes its options from these classes.
+"""Choices of which the command line makes options as they are; nothing heavy is imported, so `--help` stays fast.
 
-Nothing heavy is imported, so that `--help` stays fast; readers check the values.
+Whoever uses their values checks them.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+Tactile = Literal["none", "oracle", "learnt"]
+"""Source of the touch measurements: none, the true turn of the sensor from ground truth (oracle), or contact direction
+and turn from the touch model (learnt), or one of the two alone."""
+TactileChoice = Literal["auto", Tactile]
+"""auto is learnt if there are images that fit the touch model, else none."""
+SmootherName = Literal["fixed-lag", "batch"]
+"""Solver for the graph of a contact: Gauss-Newton on a sliding window, or on all steps of the contact (batch)."""
+Unit = Literal["m", "cm", "mm", "in"]
+"""Unit of lengths."""
 Normal = tuple[float, float, float] | Literal["fit"]
 """The normal of a plane, or "fit" for the plane through the sensor's path."""
 
