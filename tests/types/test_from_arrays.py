@@ -145,8 +145,8 @@ def test_images_come_in_any_form(tmp_path, caplog):
     for file, each in zip(files, data, strict=True):
         file.write_bytes(each)
     messages = [np.frombuffer(each, np.uint8) for each in data]
-    for images in (data, messages, files, list(map(str, files))):
-        found = [frame.image for frame in made(images=images)]
+    for images in (pixels, list(pixels), data, messages, files, list(map(str, files))):
+        found = [frame.image for frame in made(images=images, codec="png")]
         assert np.array_equal(found, pixels)
     even = np.full_like(pixels, 90) + np.arange(20, dtype=np.uint8)[:, None, None, None]
     for images in (even, list(even)):
@@ -237,6 +237,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
             "image 0: is grey in 16 bits",
         ),
         ({"images": [b"GIF89a"] * 20}, "images: image 0: its 6 bytes do not decode as JPEG or PNG"),
+        ({"codec": "gif", "images": tiny_images(20)}, "codec: found 'gif', allowed are 'jpeg' and 'png'"),
         ({"images": "images/"}, "images: found 'images/', expected N arrays"),
         ({"images": TURNED}, "image 0: found 8 rows and 12 columns.*lie on their side: orientation=.90"),
         ({"images": tiny_images(20)[:, :11]}, "image 0: found 11 rows and 8 columns, .* crop and scale"),

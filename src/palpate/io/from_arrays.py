@@ -14,7 +14,7 @@ from palpate.errors import FileError
 from palpate.files import existing_file, in_file
 from palpate.types import space
 from palpate.types.choices import Placement
-from palpate.types.images import camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
+from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
 from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import Placed, Plane, Times
@@ -60,7 +60,7 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
 
 
 def encoded_images(
-    name: str, images: Any, indices: Sequence[int], size: tuple[int, int], orientation: str
+    name: str, images: Any, indices: Sequence[int], size: tuple[int, int], orientation: str, codec: Codec
 ) -> tuple[bytes, ...]:
     """Return some images, fitted to a size (rows, columns), as encoded bytes; bytes stay as they are.
 
@@ -76,7 +76,7 @@ def encoded_images(
             with in_file(f"{name}: image {index}"):
                 pixels = as_array("pixels", image)
                 if pixels.ndim > 1 or pixels.dtype != np.uint8:
-                    data.append(encode_image(fitted(checked_pixels(pixels), size, view)))
+                    data.append(encode_image(fitted(checked_pixels(pixels), size, view), codec))
                     continue
             image = pixels.tobytes()  # encoded, as OpenCV and messages have it
         try:
@@ -118,6 +118,7 @@ def planar_recording(
     images: tuple[str, Any] | None,
     contact: Flags | None,
     sensor: SensorProfile,
+    codec: Codec = "jpeg",
     **fields: Any,
 ) -> tuple[Recording, Plane]:
     """Return frames at times (N,) [ns] as a recording in a plane; a warning says how many without pose are left out.
@@ -136,7 +137,7 @@ def planar_recording(
         logger.warning(words, what, left_out, len(time))
     size, image = (sensor.image_height, sensor.image_width), None
     if images is not None:
-        image = encoded_images(*images, np.flatnonzero(keep).tolist(), size, placement.orientation)
+        image = encoded_images(*images, np.flatnonzero(keep).tolist(), size, placement.orientation, codec)
     placed, time, contact = placed[keep], time[keep], None if contact is None else contact[keep]
     if isinstance(placement.plane, str) and placement.plane == "fit":
         from palpate.touch.contact_detector import touched

@@ -5,7 +5,7 @@ import struct
 import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,8 @@ def encode_image(image: Image, codec: Codec = "jpeg") -> bytes:
     from PIL import Image
 
     checked_pixels(image)
+    if codec not in get_args(Codec):
+        raise FileError(f"codec: found {codec!r}, allowed are 'jpeg' and 'png'")
     data = io.BytesIO()
     Image.fromarray(image).save(data, codec, quality=95, compress_level=1)
     return data.getvalue()

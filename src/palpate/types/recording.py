@@ -15,7 +15,7 @@ from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.choices import Normal, Placement
-from palpate.types.images import AS_IT_IS, camera_view, decode_image, turned_image
+from palpate.types.images import AS_IT_IS, Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile, known_sensor
 
@@ -113,6 +113,7 @@ class Recording:
         object_poses: ArrayLike | None = None,
         object_time: ArrayLike | None = None,
         contact: ArrayLike | None = None,
+        codec: Codec = "jpeg",
         source: str = "arrays",
     ) -> "Recording":
         """Return a recording made from images and poses that have times of their own.
@@ -135,7 +136,7 @@ class Recording:
           the sensor's path; largest distance of poses from it [m].
         - object_poses, object_time: ground truth (K, ...), NaN where unknown, and its times, by default `pose_time`.
         - contact: (N,) True for each image in which the sensor touches the object.
-        - source: origin of the data, for people.
+        - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
         from palpate.io.from_arrays import nanoseconds, placed_from, planar_recording
         from palpate.types.space import onto_gel
@@ -173,6 +174,7 @@ class Recording:
             None if given is None else ("images", given),
             flags,
             sensor,
+            codec,
             shape=shape,
             source=source,
         )
