@@ -39,8 +39,9 @@ _SLIDES = np.array([0.0, 0.018, -0.018, 0.036, -0.036])  # [m] slides over the s
 _UNDECIDED = 1e-2  # weight of images that are mirrored, or are not, from which it is undecided
 _MIRRORED = (
     "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
-    "it with palpate calibrate --presses, for the outline may be mirrored or the first pose wrong instead"
+    "it with --orientation 180 or mirrored, for the outline may be mirrored or the first pose wrong instead"
 )
+_OPEN = "not yet known if touch images are upright or turned by half a turn; --orientation or palpate calibrate says it"
 
 
 class HypothesisBank:
@@ -107,6 +108,7 @@ class HypothesisBank:
             status = "indeterminate"
         if hidden_motion:
             covariance = covariance + self._monitor.covariance_of_motion(hidden_motion)
+        is_open = bool((rows.sign != rows.sign[0]).any())
         every = zip(belief.pose.copy(), covariances.copy(), rows.weight.tolist(), strict=True)
         friction, spread = float(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
         point = normal = None
@@ -121,7 +123,7 @@ class HypothesisBank:
             covariance=covariance,
             contact=window is not None,
             status=status,
-            reason=reason or REASONS[status] or (_MIRRORED if self.is_mirrored else ""),
+            reason=reason or REASONS[status] or (_MIRRORED if self.is_mirrored else _OPEN if is_open else ""),
             answers=tuple(Answer(*each) for each in every if each[2]),
             friction=(friction, spread),
             contact_point=point,

@@ -48,7 +48,7 @@ TACTILE = MODES[1:4]
 class PaperSettings:
     """Size of the study."""
 
-    train: int = 8
+    train: int = 24
     """Sequences of each object to learn from, a quarter of them for validation."""
     test: int = 3
     """Sequences of each object to track; the paper has 50."""
