@@ -11,15 +11,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 BUDGETS = {
-    "lines of the product": 12390,  # goal 12000
+    "lines of the product": 12000,
     "lines of the laboratory": 6000,  # goal 6000
     "files in src": 122,
-    "lines of tests": 14160,
+    "lines of tests": 14060,
     "lines of scripts and benchmarks": 2500,
     "words of docs": 18000,
-    "numeric module constants": 158,
+    "numeric module constants": 154,
     "docstrings that open with a question word": 6,
-    "percent of test lines in files that import inner modules": 43,
+    "percent of test lines in files that import inner modules": 42,
 }
 SUFFIXES = {".py", ".pyi", ".j2", ".js", ".sh", ".md"}
 QUESTION = re.compile(r"(?:Return )?(what|whether|how|where|why)\b", re.IGNORECASE)

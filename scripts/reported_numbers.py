@@ -210,7 +210,8 @@ def step_times() -> Iterator[Row]:
     """Yield a row for each case of the benchmark of steps."""
     names = {
         "one-answer": "image in, estimate out, one hypothesis",
-        "eight-answers": "the same with up to eight hypotheses",
+        "eight-answers": "the same with two to nine hypotheses",
+        "more-answers": "the same with up to forty",
         "rest": "the object rests",
         "graph": "the graph alone",
         "gtsam-native": "a plain window in GTSAM, factors in C++",

@@ -3,8 +3,7 @@
 `NoiseSettings` can be kept in a JSON file, which `palpate tune` writes and `--noise FILE` reads.
 """
 
-import json
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar, get_args
@@ -13,7 +12,7 @@ import numpy as np
 
 from palpate.arrays import Array
 from palpate.errors import FileError, SettingError
-from palpate.files import read_json, whole_file
+from palpate.files import read_json
 from palpate.geometry.se2 import Sigmas
 from palpate.types.choices import SmootherName, TactileChoice
 from palpate.types.measurements import finite_numbers
@@ -271,13 +270,6 @@ def noise_of(name_or_path: Path | str) -> NoiseSettings:
         return replace(noise, **groups)
     except SettingError as error:
         raise FileError(f"{path}: {error}") from error
-
-
-def write_noise(noise: NoiseSettings, path: Path | str, tuned: dict[str, Any], overwrite: bool = False) -> None:
-    """Write a settings file, whole or not at all; `tuned` is a JSON object on how they were found."""
-    content = {"format": FORMAT, "version": VERSION, "noise": asdict(noise), "tuned": tuned}
-    with whole_file(path, overwrite) as part:
-        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _known(name: str, given: Any, settings: Any) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from palpate import FileError, NoiseSettings, SettingError
-from palpate.config import VERSION, noise_of, write_noise
+from palpate.config import VERSION, noise_of
+from palpate.lab.tune.tuning import write_noise
 
 NOISE = NoiseSettings()
 CHANGED = replace(

@@ -115,8 +115,7 @@ class ConsistencyMonitor:
 
         Covariances are in the tangent space at the pose (right, body frame), status and reason are of the best one.
         """
-        known = rows.belief.covariance[:, :3, :3].copy()
-        known[:, 2, 2] += rows.unobservable_yaw
+        known = rows.whole_belief.pose_covariance
         covariance = known + self._calibration
         by_poses = by_outline = 0.0
         if rows.apart.any():

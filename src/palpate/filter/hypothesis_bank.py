@@ -11,7 +11,6 @@ While nothing is doubtful there is one. Others are added, and the one in which n
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -199,12 +198,8 @@ class HypothesisBank:
         self._take([0])
         rows, before = self._rows, sensor_pose if self._sensor_pose is None else self._sensor_pose
         pushed = self._monitor.covariance_of_motion(float(np.hypot(*(sensor_pose - before)[:2])))
-        self._rows = replace(
-            single(rows.belief.inflated(pushed), float(rows.sign[0])),
-            unobservable_yaw=rows.unobservable_yaw,
-            displacement=rows.displacement,
-            apart=rows.apart,
-        )
+        rows.belief, rows.weight = rows.belief.inflated(pushed), np.ones(1)
+        rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.age)
         self._begin_rest()
         self._is_indeterminate = True
 

@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import astuple, dataclass
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, SettingError, one_line
-from palpate.files import existing_file, read_json, whole_file
+from palpate.files import existing_file, read_json
 from palpate.touch.cells import area_means, change_in_light
 from palpate.types.sensor import known_sensor
 
@@ -155,16 +155,6 @@ class TouchModel:
 def shipped_model(sensor: str = "DIGIT") -> TouchModel:
     """Return the model that comes with palpate for a sensor profile, by default the DIGIT's; opened once."""
     return TouchModel(SHIPPED_OF.get(sensor, SHIPPED))
-
-
-def write_model(folder: Path, settings: ModelSettings, network: bytes) -> None:
-    """Write a model into an existing folder; `model.json` comes last, so a folder with one is complete."""
-    plain = json.loads(json.dumps(asdict(settings)))
-    with whole_file(folder / NETWORK, overwrite=True) as part:
-        part.write_bytes(network)
-    written = {"format": FORMAT, "version": VERSION, "hash": fingerprint(plain, network), "settings": plain}
-    with whole_file(folder / "model.json", overwrite=True) as part:
-        part.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
 
 
 def fingerprint(settings: Any, network: bytes) -> str:

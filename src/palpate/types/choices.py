@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 Tactile = Literal["none", "oracle", "learnt"]
-"""Source of the touch measurements: none, the true turn of the sensor from ground truth (oracle), or contact direction
-and turn from the touch model (learnt), or one of the two alone."""
+"""Source of the touch measurements: none, the true turn by ground truth (oracle), or the touch model (learnt)."""
 TactileChoice = Literal["auto", Tactile]
 """auto is learnt if there are images that fit the touch model, else none."""
 SmootherName = Literal["fixed-lag", "batch"]

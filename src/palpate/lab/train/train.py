@@ -24,17 +24,10 @@ from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
 from palpate.lab.train.networks import TouchNetwork, exported, restore
 from palpate.lab.train.samples import Samples, difference, read_samples
 from palpate.lab.train.scores import errors_of, judge, measure_spread
+from palpate.touch import touch_model
 from palpate.touch.calibration import Calibration
 from palpate.touch.press_calibration import Presses, check_spread
-from palpate.touch.touch_model import (
-    NETWORK,
-    OUTPUTS,
-    ModelSettings,
-    Spread,
-    TouchModel,
-    reduced,
-    write_model,
-)
+from palpate.touch.touch_model import NETWORK, OUTPUTS, ModelSettings, Spread, TouchModel, reduced
 from palpate.types.sensor import SensorProfile
 
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
@@ -290,3 +283,14 @@ def _check_sensor(what: str, name: str, size: tuple[int, int], sensor: SensorPro
             f"{what}: sensor {name!r} with images of {size[0]} x {size[1]} px is not that of the recordings to learn "
             f"from, {sensor.name!r} with {sensor.image_height} x {sensor.image_width} px"
         )
+
+
+def write_model(folder: Path, settings: ModelSettings, network: bytes) -> None:
+    """Write a model into an existing folder; `model.json` comes last, so a folder with one is complete."""
+    plain = json.loads(json.dumps(asdict(settings)))
+    with whole_file(folder / NETWORK, overwrite=True) as part:
+        part.write_bytes(network)
+    written = {"format": touch_model.FORMAT, "version": touch_model.VERSION, "settings": plain}
+    written["hash"] = touch_model.fingerprint(plain, network)
+    with whole_file(folder / "model.json", overwrite=True) as part:
+        part.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
