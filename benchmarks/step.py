@@ -5,6 +5,7 @@
 - one-answer: image in (decoded), estimate out, one hypothesis, in contact; a simulated push with set-up errors.
 - eight-answers: the same object shoved now and then and found from a rough first pose; frames with two to nine answers.
 - more-answers: the others of it, with up to forty: until the object is found, and how images lie.
+- from-jpeg: one-answer from the encoded image on.
 - rest: frames without contact of one-answer.
 - graph: a direction and a turn a frame in place of images, one hypothesis, one contact.
 - gtsam-native: a window with as many factors, all in C++, see `gtsam_graphs`.
@@ -99,6 +100,13 @@ def with_images() -> Iterator[Timing]:
         if answers == 1:
             yield Timing("one-answer", wall[contact], processor[contact])
             yield Timing("rest", wall[~contact], processor[~contact])
+
+            def from_jpeg(recording: Any = given, begin: Any = update) -> Any:
+                tracker_update = begin()
+                return lambda k: tracker_update(recording[k])
+
+            wall, processor, _ = timed(from_jpeg, range(len(given)))
+            yield Timing("from-jpeg", wall[contact], processor[contact])
         else:
             count = np.array([len(estimate.answers) for estimate in estimates])
             for name, some in (("eight-answers", (count > 1) & (count < 10)), ("more-answers", count > 9)):

@@ -212,6 +212,7 @@ def step_times() -> Iterator[Row]:
         "one-answer": "image in, estimate out, one hypothesis",
         "eight-answers": "the same with two to nine hypotheses",
         "more-answers": "the same with up to forty",
+        "from-jpeg": "the same from JPEG on",
         "rest": "the object rests",
         "graph": "the graph alone",
         "gtsam-native": "a plain window in GTSAM, factors in C++",
