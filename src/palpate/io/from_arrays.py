@@ -79,7 +79,7 @@ def encoded_images(
                 if pixels.ndim > 1 or pixels.dtype != np.uint8:
                     upright = fitted(checked_pixels(pixels), size, view)
                     data.append(encode_image(upright, codec))
-                    if place in looked_at:  # JPEG loses the noise that squeezed images are told by
+                    if place in looked_at:  # before JPEG removes the noise that shows squeezing
                         plain[place] = upright
                     continue
             image = pixels.tobytes()  # encoded, as OpenCV and messages have it
