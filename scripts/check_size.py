@@ -14,7 +14,7 @@ BUDGETS = {
     "lines of the product": 12000,
     "lines of the laboratory": 6000,  # goal 6000
     "files in src": 122,
-    "lines of tests": 14060,
+    "lines of tests": 14400,
     "lines of scripts and benchmarks": 2500,
     "words of docs": 18000,
     "numeric module constants": 154,

@@ -93,3 +93,17 @@ def modules_of_extras(wheel: Path) -> list[str]:
 
 def plain(name: str) -> str:
     return name.lower().replace("_", "-")
+
+
+def test_the_page_on_the_index_has_absolute_links(tmp_path):
+    steps = (ROOT / ".github/workflows/publish.yml").read_text().split("- name: ")
+    (step,) = (each for each in steps if each.startswith("Links of the page"))
+    script = step.partition("run: |\n")[2].partition("      - run:")[0]
+    for name in ("README.md", "pyproject.toml"):
+        (tmp_path / name).write_text((ROOT / name).read_text())
+    names = {"GITHUB_REPOSITORY": "us/palpate", "GITHUB_REF_NAME": "v1"}
+    subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, env=names | {"PATH": "/usr/bin:/bin"}, check=True)
+    links = re.findall(r"\]\(([^)]*)\)", (tmp_path / "README.md").read_text())
+    assert links and all(link.startswith("https://") for link in links), links
+    assert "https://github.com/us/palpate/raw/v1/docs/demo.gif" in links
+    assert 'Source = "https://github.com/us/palpate"' in (tmp_path / "pyproject.toml").read_text()

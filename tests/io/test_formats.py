@@ -42,14 +42,6 @@ def test_odd_files_are_in_no_format(tmp_path, name):
         formats.load_recording(path)
 
 
-def test_a_recording_of_an_early_version_says_how_to_make_it_anew(tmp_path, run_palpate):
-    path = tmp_path / "push.h5"
-    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    for command in ("info", "track"):
-        code, _, err = run_palpate(command, path)
-        assert code == 2 and "push.h5: is an HDF5 file" in err and "make it anew" in err and err.count("\n") == 1
-
-
 def test_detection_does_not_raise_on_what_is_no_file(tmp_path):
     for each in formats.FORMATS.values():
         assert not each.detect(tmp_path) and not each.detect(tmp_path / "none")

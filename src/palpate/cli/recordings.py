@@ -134,13 +134,12 @@ def calibrate(
 ) -> Report:
     """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses or pushes the rest.
 
-    Untouched images are files, or the frames of a recording that its contact flags call untouched (all frames if it has
-    no flags).
+    Untouched images are files, or those of the first half second of a recording.
 
     Example: palpate calibrate --presses presses.csv --untouched still.png --out unit.npz
 
     Args:
-        file: A recording with images, some of them without contact.
+        file: A recording with images that begins untouched.
         out: File of the calibration.
         presses: Five or more presses, which also show errors of directions: a CSV of images (column file) at known
             contact angles (column angle_deg) or places along the pad's width (column place_mm) or, with the column file
@@ -159,7 +158,7 @@ def calibrate(
     from palpate.touch.calibration import write_calibration
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
-    from palpate.touch.press_calibration import learn_from_presses, read_presses, untouched_images, with_ruler
+    from palpate.touch.press_calibration import learn_from_presses, read_presses, with_ruler
     from palpate.touch.touch_model import shipped_model
     from palpate.types.images import camera_view, fitted, read_image
     from palpate.types.sensor import known_sensor
@@ -180,11 +179,11 @@ def calibrate(
     if ruler and not (length and length[0] > 0.0):
         raise SettingError(f"--ruler: found the length {ruler[0]!r}; expected a number above 0 in mm, such as 8mm")
     scale = (look(ruler[1]), 1e-3 * length[0]) if ruler and length else None
-    still = list(untouched_images(recording)) if recording else [look(each) for each in untouched]
-    still = still or list(first_images(pushed))
+    still = [look(each) for each in untouched] or list(first_images([recording] if recording else pushed))
     reader = palpate.TouchModel(model) if model else shipped_model(profile.name) if presses or pushes else None
     numbers: dict[str, Any] = {"untouched": len(still)}
-    calibration = palpate.Calibration(background_of(still))
+    with in_file(file or out):
+        calibration = palpate.Calibration(background_of(still))
     if ruler and scale:
         with in_file(ruler[1]):
             calibration = with_ruler(calibration, *scale, profile)

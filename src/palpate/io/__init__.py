@@ -12,7 +12,7 @@ from palpate.files import in_file
 from palpate.io.cmu_two_finger import is_cmu_log, read_cmu_log
 from palpate.io.mit_push import is_mit_push, read_mit_push
 from palpate.io.recording_mcap import is_recording, read_recording
-from palpate.io.rosbag_reader import begins_with, existing_bag, is_bag
+from palpate.io.rosbag_reader import existing_bag, is_bag
 from palpate.types.recording import Recording
 
 
@@ -44,11 +44,6 @@ def load_recording(path: Path | str, orientation: str = "") -> Recording:
     """Read a recording of any known format; `orientation` says how its images lie. Raises FileError."""
     path = existing_bag(path)
     known = "; ".join(f"{name}: {format.description}" for name, format in FORMATS.items())
-    if begins_with(path, b"\x89HDF"):
-        raise FileError(
-            f"{path}: is an HDF5 file, as palpate wrote before it had MCAP: make it anew by the command that made it, "
-            "or from its arrays by palpate.Recording and palpate.write_recording"
-        )
     if (name := detect_format(path)) is None:
         raise FileError(f"{path}: is in no known format; known are {known}")
     if (read := FORMATS[name].read) is None:

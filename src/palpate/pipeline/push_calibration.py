@@ -62,10 +62,10 @@ _APART = 4.0  # misfit from which pushes are not of one robot
 
 
 def first_images(recordings: Sequence[Recording]) -> Iterator[Image]:
-    """Yield the images of the first half second of each recording, which are taken as untouched."""
+    """Yield the images of the first half second of each recording, taken as untouched unless flags say otherwise."""
     for recording in recordings:
         frames = (recording[index] for index in range(min(first_frames(recording.sensor.rate), len(recording))))
-        yield from (frame.image for frame in frames if frame.image is not None)
+        yield from (frame.image for frame in frames if frame.image is not None and not frame.contact)
 
 
 class Push(NamedTuple):

@@ -9,7 +9,7 @@ and none of the errors.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,15 +21,12 @@ from palpate.files import in_file, numbers_of, read_table, table_columns
 from palpate.touch.background import Background
 from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorrection, calibrated
 from palpate.touch.cells import area_means
-from palpate.touch.contact_detector import START, ContactDetector
+from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
 from palpate.types.images import CameraView, read_image
-from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 
-MARGIN = 2
-"""Frames beside a contact that are left out, as in the paper: flags may be late, and gel takes its time."""
 FEWEST = 5  # presses that show a line and its scatter
 SPREAD = np.radians(8.0)  # [rad] between least and greatest angle that a model needs, or presses in order
 WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
@@ -41,28 +38,6 @@ _TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given ang
 _IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
 _ALIKE = 0.25  # correlation of two imprints; nearly all simulated ones have more, and a single one at most 0.15
 _RULER = 0.04, 1e-4  # errors of a distance of imprints: as a share, from their flanks, and [m]
-
-
-def untouched_images(recording: Recording) -> Iterator[Image]:
-    """Yield the images of a recording more than MARGIN frames away from a contact; without flags, all.
-
-    Raises FileError if there are none, or if a touch that begins or ends shows.
-    """
-    name = recording.file or "recording"
-    flags = np.zeros(len(recording)) if recording.contact is None else recording.contact
-    frames = np.flatnonzero(np.convolve(flags, np.ones(2 * MARGIN + 1))[MARGIN:-MARGIN] < 0.5)  # contacts within it
-    if recording.image is None or not len(frames):
-        raise FileError(f"{name}: has no images more than {MARGIN} frames from a contact, as a calibration needs")
-    detector = ContactDetector(recording.sensor)
-    for index in frames.tolist():
-        image = recording[index].image
-        assert image is not None
-        if detector.update(detector.read(image)):
-            raise FileError(
-                f"{name}: frame {index} is off the first ones in {detector.share:.1%} of its values, as if touched; "
-                f"allowed is {START:.0%}: calibrate on frames without contact"
-            )
-        yield image
 
 
 def with_ruler(calibration: Calibration, image: Image, length: float, sensor: SensorProfile) -> Calibration:

@@ -148,9 +148,6 @@ def sensor_from_dict(data: Mapping[str, Any]) -> SensorProfile:
     allowed = [field.name for field in fields(SensorProfile)]
     if not {"name", "radius"} <= data.keys() <= set(allowed):
         raise SettingError(f"a sensor has the fields {sorted(data)}; needed are name and radius of {allowed}")
-    known = next((each for each in SENSORS.values() if each.name == data["name"]), None)
-    if known and "pixel_pitch" not in data and known.image_width == data.get("image_width"):  # an older file
-        data = {**data, "pixel_pitch": known.pixel_pitch, "pixel_pitch_sigma": known.pixel_pitch_sigma}
     return SensorProfile(**data)
 
 
