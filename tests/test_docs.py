@@ -16,7 +16,7 @@ LINK = re.compile(r"\[[^]]*\]\(([^)#\s]+)[^)]*\)")
 DATA = "https://huggingface.co/datasets/"
 KNOWN = {
     *("https://arxiv.org/abs/2012.03768", "https://digit.ml", "https://gtsam.org"),
-    *(DATA + name for name in ("facebook/digit-pose-estimation", "joehjhuang/TactileTracking")),
+    *(DATA + name for name in ("facebook/digit-pose-estimation", "joehjhuang/TactileTracking", "yxma/React")),
 }
 """Pages elsewhere that were looked at."""
 EXAMPLE = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
