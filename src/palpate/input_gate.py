@@ -46,7 +46,7 @@ class InputGate:
     @property
     def needs_clearance(self) -> bool:
         """True if `check` needs the clearance, as images that may show a touch are to be taken as untouched."""
-        return self._may_show_touch or self._detector.new_view is not None
+        return self._may_show_touch or self.background is None or self._detector.new_view is not None
 
     def reset(self) -> None:
         """Start again at any time; the untouched gel stays known unless its images may show a touch."""
@@ -97,7 +97,7 @@ class InputGate:
             except SettingError as error:
                 if not self._learns_anew(clearance):
                     raise FrameError(f"{when}: {error}") from error
-            if clearance is not None and self._may_show_touch:
+            if clearance is not None and (self._may_show_touch or self.background is None):
                 touches_since_start = self._touches_since_start(*clearance, contact)
             contact = contact or touches_since_start
         elif reads_images and contact:

@@ -62,6 +62,21 @@ def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(r
     assert distance(frames[lifted - 1].object_pose, found[lifted - 1].pose) < 0.01  # pushed by several times that
 
 
+@pytest.mark.parametrize("light", [lambda ahead: 0.0, lambda ahead: 1.0 - 0.04 * ahead], ids=["off", "rising"])
+def test_light_that_is_steady_only_from_the_first_touch_on(recording, light):
+    """The gel is first known while it is touched, so the contact is taken from where the sensor is until a release."""
+    touched = int(np.argmax(np.asarray(recording.contact)))
+    tracker, found = Tracker(recording.shape, recording.sensor, recording.first_pose), []
+    for index, frame in enumerate(recording):
+        level = max(light(touched - index), 0.0) if index < touched else 1.0
+        assert frame.image is not None
+        dimmed = dataclasses.replace(frame, image=(level * frame.image).astype(np.uint8))
+        found.append(tracker.update(dimmed))
+    lifted = touched + int(np.argmin(np.asarray(recording.contact)[touched:])) - 1
+    assert found[lifted].contact and found[lifted].status == "uncertain"
+    assert distance(recording.truth[lifted], found[lifted].pose) < 0.01  # pushed by several times that
+
+
 def test_a_recording_that_begins_in_contact_is_compared_with_the_gel_after_it(recording):
     there_and_back = [*range(len(recording)), *range(len(recording) - 2, len(recording) - 22, -1)]  # to rest for longer
     whole, late = (of_frames(recording, there_and_back[first:]) for first in (0, begun_at(recording)))
