@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 from ezdxf.filemanagement import new
+from ezdxf.math import closed_uniform_bspline
 
 from palpate import Disc, FileError, Polygon, Rectangle, SettingError, load_shape
 
@@ -165,8 +166,20 @@ def test_hidden_parts_and_blanks_in_an_svg(caplog):
     for page in ('width="100 mm" height="5.0 cm"', 'width="100mm"', 'height="50mm"'):
         assert extent_of(load_shape(svg(hidden + part, f'{page} viewBox="0 0 100 50"'))) == pytest.approx(0.06)
     assert "clipped" in caplog.text
+    caplog.clear()
+    clip = '<clipPath id="c"><rect width="9" height="9"/></clipPath><g style="clip-path: url(#c)"><rect '
+    load_shape(svg(f'{clip}width="60" height="30"/></g>', 'width="100mm" viewBox="0 0 100 50"'))
+    assert "clipped" in caplog.text  # also where a group is
     assert extent_of(load_shape("70x9", unit="cm")) == pytest.approx(0.7)
     assert "70x9: the outline is 0.7 m wide, much for an object that a fingertip pushes" in caplog.text
+
+
+def test_a_periodic_spline_ends_where_it_began(caplog):
+    curve = closed_uniform_bspline([(100, 100), (160, 100), (160, 140), (100, 140)])
+    found = load_shape(drawing(4, lambda space: space.add_spline().apply_construction_tool(curve)))
+    # At a knot it is (1, 4, 1) / 6 of three corners, between two of them (1, 23, 23, 1) / 48 of four.
+    np.testing.assert_allclose(np.ptp(found.outline(), axis=0), [0.06 * 22 / 24, 0.04 * 22 / 24], atol=2e-5)
+    assert not caplog.text
 
 
 def test_a_noisy_scan_is_warned_of(caplog):
@@ -242,6 +255,8 @@ def test_what_is_no_outline_is_said():
     ):
         with pytest.raises(FileError, match=words):
             load_shape(svg(content, page))
+    with pytest.raises(FileError, match="stretched to its page"):
+        load_shape(svg('<rect width="9" height="6"/>', f'{page} viewBox="0 0 9 6" preserveAspectRatio="none"'))
     with pytest.raises(FileError, match="lines enclose no area"):
         load_shape(drawing(4, lambda space: space.add_circle((0, 0), 1e-4)))
     Path("bad.dxf").write_text("no drawing")

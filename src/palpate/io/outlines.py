@@ -110,16 +110,16 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
     import svgelements
 
     try:
-        data = re.sub(rb"(?s)<(mask|marker)\b[^>]*?(/>|>.*?</\1>)", b"", path.read_bytes())  # are not drawn themselves
-        has_scaled = re.search(rb"<symbol\b[^>]*\bviewBox", data) is not None
+        data = path.read_bytes()
+        if re.search(rb"\b(clip-path|mask)\s*[:=]|<symbol\b[^>]*\bviewBox", data):
+            logger.warning(
+                "%s: parts are clipped, masked or scaled symbols, and are taken as a whole and unscaled", path
+            )
+        data = re.sub(rb"(?s)<(mask|marker)\b[^>]*?(/>|>.*?</\1>)", b"", data)  # are not drawn themselves
         data = data.replace(b"<symbol", b"<defs><g").replace(b"</symbol>", b"</g></defs>")  # drawn where they are used
         page = svgelements.SVG.parse(io.BytesIO(data), ppi=PIXELS)
         drawn: Any = [each for each in page.elements() if isinstance(each, svgelements.Shape)]
         drawn = [each for each in drawn if _is_seen(each)]
-        if has_scaled or any(each.values.get("clip-path") or each.values.get("mask") for each in drawn):
-            logger.warning(
-                "%s: parts are clipped, masked or scaled symbols, and are taken as a whole and unscaled", path
-            )
         shapes = [svgelements.Path(each) for each in drawn]
         for shape in shapes:
             shape.reify()
@@ -144,6 +144,8 @@ def _is_seen(part: Any) -> bool:
 def _svg_unit(page: Any) -> float:
     """Return the size of a number in an SVG [m], by width or height of its page. Raises ShapeError if neither says."""
     sizes = []
+    if page.viewbox is not None and str(page.viewbox.preserve_aspect_ratio).startswith("none"):
+        raise ShapeError("the drawing is stretched to its page (preserveAspectRatio is none): save it unstretched")
     for side in ("width", "height"):
         given = re.fullmatch(r"\s*([-+.\d]+(?:e[-+]?\d+)?)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
         if given and given[2] in SVG_UNITS and numbers_of([given[1]]):
@@ -188,13 +190,23 @@ def _read_dxf(path: Path, scale: float | None) -> Polygon:
             except TypeError:  # a text, a dimension and the like
                 continue
             _check_lines([np.array([(each.x, each.y) for each in drawn.control_vertices()]) * metres])
-            points = np.array([(point.x, point.y) for point in drawn.flattening(0.5 * TOLERANCE / metres)]) * metres
+            found = _inside_of_spline(entity) or drawn.flattening(0.5 * TOLERANCE / metres)
+            points = np.array([(point.x, point.y) for point in found]) * metres
             lines.append(np.vstack([points, points[:1]]) if drawn.is_closed else points)
     except ShapeError:
         raise
     except Exception as error:  # damaged bytes can raise anything in the library
         raise FileError(f"is no DXF that can be read ({one_line(error)})") from error
     return _outline_of_lines(path, lines)
+
+
+def _inside_of_spline(entity: Any) -> list[Any]:
+    """Return points along a periodic spline of a DXF, which ezdxf draws beyond its ends too; none of other entities."""
+    curve = entity.construction_tool() if entity.dxftype() == "SPLINE" else None
+    if curve is None or curve.is_clamped:
+        return []
+    knots = curve.knots()[curve.degree : -curve.degree]
+    return list(curve.points(np.linspace(knots[0], knots[-1], 64 * len(knots))))
 
 
 def _seen_entities(entities: Iterable[Any], layers: Any, outer: str = "0") -> Iterator[Any]:
