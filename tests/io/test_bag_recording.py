@@ -222,7 +222,8 @@ FORKED = few_images() + still("base left", "base right")
         (TWO_POSES, {"images": "/camera"}, "has no image topic '/camera'; there are /digit/image/compressed; name"),
         (poses(), {}, "has no image topic; there are none of a type that is read"),
         (few_images(), {}, "has no source of poses; there are none of"),
-        (FORKED, {}, "no source of poses; .* frames of transforms are base, left, right; .* --sensor-poses .* PARENT:"),
+        (FORKED, {}, "more than one source of poses; there are base:left, base:right; .* --sensor-poses .* PARENT:"),
+        (FORKED + still("map tag"), {}, "there are base:left, base:right, map:tag; frames of transforms are base"),
         (
             FORKED,
             {"sensor_poses": "base:gel"},

@@ -159,8 +159,8 @@ def planar_recording(
         )
     if (upright < 0.0).all():
         logger.warning(
-            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, its "
-            "frame is turned about x, or the quaternions have w first",
+            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, "
+            "turn its frame, by sensor_T_gel (--sensor-T-gel 0 0 0 1 0 0 0), unless the quaternions have w first",
             what,
         )
     object_pose = None

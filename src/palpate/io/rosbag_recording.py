@@ -137,9 +137,9 @@ def _source(found: Contents, name: str | None, leave_out: _Source | None) -> _So
     parent, colon, child = (name or "").partition(":")
     if colon:
         return _chain(found, parent, child)
-    above, placed = {each for one in found.transforms.values() for each in one.frames}, set(found.transforms)
-    ends = ":".join([*(above - placed), *(placed - above)])
-    chains = [ends] if len(above - placed) == len(placed - above) == 1 else []
+    above = {each for one in found.transforms.values() for each in one.frames}
+    ways = [_way_up(found, child) for child in sorted(found.transforms.keys() - above)]
+    chains = [f"{way[-1]}:{way[0]}" for way in ways if way[-1] not in found.transforms]
     topics = found.of(POSE_TYPES)
     names = [each for each in [*topics, *chains] if leave_out is None or each != leave_out.name]
     option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
@@ -152,22 +152,25 @@ def _source(found: Contents, name: str | None, leave_out: _Source | None) -> _So
     return _Source(chosen, "".join(frames), [(topics[chosen], False)])
 
 
+def _way_up(found: Contents, name: str) -> list[str]:
+    """Return a frame and those above it, up to one without a parent, with several, or that was met before."""
+    way = [name]
+    while way[-1] not in way[:-1] and way[-1] in found.transforms and len(found.transforms[way[-1]].frames) == 1:
+        way += found.transforms[way[-1]].frames
+    return way
+
+
 def _chain(found: Contents, parent: str, child: str) -> _Source:
     """Return the chain of transforms between two frames. Raises FileError where there is none."""
-
-    def above(name: str) -> list[str]:
-        return found.transforms[name].frames if name in found.transforms else []
-
-    ways = [parent], [child]
+    ways = _way_up(found, parent), _way_up(found, child)
     for way in ways:
-        while len(frames := above(way[-1])) == 1:
-            if frames[0] in way:
-                raise FileError(f"transforms run in a circle: {' < '.join([*way, *frames])}")
-            way += frames
+        if way[-1] in way[:-1]:
+            raise FileError(f"transforms run in a circle: {' < '.join(way)}")
     meeting = next((name for name in ways[1] if name in ways[0]), None)
     if meeting is None or parent == child:
         for way in ways:
-            if frames := above(way[-1]):
+            if way[-1] in found.transforms:
+                frames = found.transforms[way[-1]].frames
                 raise FileError(f"frame {way[-1]} has {len(frames)} parents, {' and '.join(frames)}")
         raise FileError(f"no chain of transforms leads from {parent!r} to {child!r}{_frames(found)}")
     up, down = (way[: way.index(meeting)] for way in ways)
