@@ -20,6 +20,7 @@ from bag_samples import (
 from rosbags.highlevel import AnyReader
 
 import palpate
+from palpate.tracker import warm_up
 
 TRACK = ("track", "push.bag", "--shape", "disc", "--first-pose", "0.3", "0", "0")
 
@@ -66,6 +67,16 @@ def test_track_reads_a_folder_and_named_topics(json_of):
     topics = ("--sensor-poses", "/ee_pose", "--object-poses", "/mocap", "--images", "/digit/image/compressed")
     found = json_of("track", "two", "--shape", "disc", *topics, "--time-offset", "-0.005")
     assert (found["frames"], found["scored_frames"]) == (24, 24)
+
+
+def test_what_reading_warns_of_is_in_the_summary_and_compiling_is_not(json_of, monkeypatch):
+    monkeypatch.setattr("palpate.tracker.is_cached", lambda function: False)
+    warm_up.cache_clear()
+    found = json_of(*TRACK, "--time-offset", "0.8")
+    assert [each.split(": ")[1] for each in found["warnings"][:1]] == [
+        "8 of 24 images have no sensor pose at their time and are left out"
+    ]
+    assert not any("compiling" in each for each in found["warnings"])
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ def track(
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import draw
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
+    from palpate.pipeline.track import kept_warnings
     from palpate.viewer.page import write_page
 
     if not files:
@@ -59,11 +60,15 @@ def track(
         folder = out if out and len(files) == 1 else (out or Path("runs")) / name
         try:
             with new_run(folder, force) as part:
-                recording, plane = bag.read(file)
+                with kept_warnings() as said:
+                    recording, plane = bag.read(file)
                 if mcap:
                     nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
 
-                def keep(run: "palpate.Run", part: Path = part, plane: Any = plane if mcap else None) -> None:
+                def keep(
+                    run: "palpate.Run", part: Path = part, plane: Any = plane if mcap else None, said: Any = said
+                ) -> None:
+                    run.summary["warnings"][:0] = said
                     if has_page:
                         draw(PAGE, lambda: write_page(run, part / PAGE))
                     write_files(run, part, plane)

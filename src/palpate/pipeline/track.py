@@ -19,7 +19,7 @@ from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import flag_runs, innovation_scores, summarise
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
-from palpate.tracker import Tracker
+from palpate.tracker import Tracker, warm_up
 from palpate.types.estimate import Answers, Estimate, Trajectory
 from palpate.types.recording import Recording
 
@@ -85,6 +85,7 @@ def track(
     estimates: list[Estimate] = []
     step_ms = np.zeros(len(recording))
     failure: BaseException | None = None
+    warm_up()  # its notice is none of the recording's warnings
     with kept_warnings() as warnings:
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
         start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
