@@ -1,6 +1,7 @@
 """Bags of ROS messages on the command line: info, track and convert."""
 
 import json
+import sys
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,6 @@ from bag_samples import (
 from rosbags.highlevel import AnyReader
 
 import palpate
-from palpate.tracker import warm_up
 
 TRACK = ("track", "push.bag", "--shape", "disc", "--first-pose", "0.3", "0", "0")
 
@@ -71,7 +71,7 @@ def test_track_reads_a_folder_and_named_topics(json_of):
 
 def test_what_reading_warns_of_is_in_the_summary_and_compiling_is_not(json_of, monkeypatch):
     monkeypatch.setattr("palpate.tracker.is_cached", lambda function: False)
-    warm_up.cache_clear()
+    sys.modules["palpate.tracker"].warm_up.cache_clear()
     found = json_of(*TRACK, "--time-offset", "0.8")
     assert [each.split(": ")[1] for each in found["warnings"][:1]] == [
         "8 of 24 images have no sensor pose at their time and are left out"
