@@ -97,13 +97,23 @@ def change_in_light(image: Levels, untouched: Levels, columns: int | None = None
     return _change(image, untouched, _planes(seen, known))
 
 
+def _planes(cells: Levels, untouched: Levels) -> Light:
+    """Return the light in cells relative to the untouched gel's, by reweighted least squares from the median on."""
+    seen, known = (np.ascontiguousarray(each.transpose(2, 0, 1)) for each in (cells, untouched))
+    ratios = np.sort((seen / np.maximum(known, np.float32(1.0))).reshape(len(seen), -1))
+    planes, count = np.zeros((len(seen), 3)), ratios.shape[1]
+    planes[:, 0] = 0.5 * (ratios[:, (count - 1) // 2] + ratios[:, count // 2])
+    _fit(seen, known, planes, np.empty((3, 4)))
+    return planes
+
+
 @compiled
 def _area_means(image: Records, rows: int, columns: int) -> Records:
     height, width, _ = image.shape
     out = np.empty((rows, columns, 3), np.float32)
     lines = image.reshape(height, 3 * width)
     down, across = height / rows, width / columns
-    shares = np.zeros((columns, int(across) + 2), np.float32)  # of each pixel in its column
+    shares = np.empty((columns, int(across) + 2), np.float32)  # of each pixel in its column
     for column in range(columns):
         left, right = column * across, (column + 1) * across
         for x in range(int(left), min(math.ceil(right - 1e-9), width)):
@@ -145,15 +155,16 @@ def _change(image: Records, untouched: Records, light: Light) -> Records:
 
 
 @partial(compiled, fastmath={"reassoc"})  # sums may be taken in any order, and so several terms at a time
-def _planes(cells: Records, untouched: Records) -> Records:
-    """Fit the light in cells relative to the untouched gel's by reweighted least squares."""
-    rows, columns, channels = cells.shape
-    planes = np.zeros((channels, 3))
+def _fit(cells: Levels, untouched: Levels, planes: Light, system: Light) -> None:
+    """Fit the planes of cells (channels, rows, columns), which are close already; `system` (3, 4) is room."""
+    channels, rows, columns = cells.shape
     for channel in range(channels):
-        seen, known = np.ascontiguousarray(cells[:, :, channel]), np.ascontiguousarray(untouched[:, :, channel])
-        middle, right, down = np.median(seen / np.maximum(known, np.float32(1.0))), 0.0, 0.0
+        middle, right, down = planes[channel, 0], planes[channel, 1], planes[channel, 2]
+        seen, known = cells[channel], untouched[channel]
         for _ in range(_FITS):
-            system = np.eye(3, 4)  # with ones, so that a black channel has a fit
+            system[:] = 0.0
+            for i in range(3):
+                system[i, i] = 1.0  # so that a black channel has a fit
             for row in range(rows):
                 y = 2.0 * (row + 0.5) / rows - 1.0
                 at, total, along, along_twice, off_total, off_along = middle + down * y, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -188,4 +199,3 @@ def _planes(cells: Records, untouched: Records) -> Records:
             if max(abs(system[0, 3]), abs(system[1, 3]), abs(system[2, 3])) < _SETTLED:
                 break
         planes[channel, 0], planes[channel, 1], planes[channel, 2] = middle, right, down
-    return planes
