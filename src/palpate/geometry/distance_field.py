@@ -4,6 +4,7 @@ The interpolant is the natural cubic B-spline through the node values. Its secon
 gradient and Hessian belong together, as the smoother needs them. `palpate.graph.contact_geometry` evaluates it.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -41,10 +42,20 @@ class DistanceField(NamedTuple):
     @classmethod
     def through(cls, origin: Array, cell: float, values: Array) -> "DistanceField":
         """Return the spline through values at the nodes (rows, columns) [m]."""
-        from scipy.ndimage import spline_filter
-
         pad = 12  # nodes; the effect of the far end has then died out to 0.27^12, 1e-7
         padded = np.pad(values, pad, mode="reflect", reflect_type="odd")
-        coefficients = spline_filter(padded, order=3, mode="mirror")[pad - 1 :, pad - 1 :]
+        # M. Unser, "Splines", 1999, box 2. `scipy.ndimage` has it, too, and takes a quarter of a second to import.
+        pole = -1.0 / (2.0 + math.sqrt(3.0))
+        for along in (padded, padded.T):
+            along *= (1.0 - pole) * (1.0 - 1.0 / pole)
+            power = pole
+            for row in along[1:40]:  # 0.27^40 is nothing beside 1
+                along[0] += power * row
+                power *= pole
+            for k in range(1, len(along)):
+                along[k] += pole * along[k - 1]
+            along[-1] = (pole * along[-2] + along[-1]) * pole / (pole * pole - 1.0)
+            for k in range(len(along) - 2, -1, -1):
+                along[k] = pole * (along[k + 1] - along[k])
         rows, columns = values.shape
-        return cls(origin, cell, np.ascontiguousarray(coefficients[: rows + 3, : columns + 3]))
+        return cls(origin, cell, np.ascontiguousarray(padded[pad - 1 :, pad - 1 :][: rows + 3, : columns + 3]))

@@ -3,6 +3,7 @@
 Frames without trusted ground truth have NaN errors and are not scored.
 """
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -82,11 +83,10 @@ def crps(error: ArrayLike, deviation: ArrayLike) -> Array:
 
     Smaller is better; it is the mean error of an estimate without a deviation.
     """
-    from scipy.special import ndtr
-
     z = np.asarray(error) / np.asarray(deviation)
+    inside = np.vectorize(math.erf, otypes=[float])(z / math.sqrt(2.0))
     density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    return np.asarray(deviation) * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / np.sqrt(np.pi))
+    return np.asarray(deviation) * (z * inside + 2.0 * density - 1.0 / np.sqrt(np.pi))
 
 
 def is_far(translation: Array, rotation: Array) -> Flags:
