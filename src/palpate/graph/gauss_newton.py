@@ -19,7 +19,7 @@ from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, L
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
-assert STEP_SIZE == 6, "_subtract_square writes out six rows"
+assert STEP_SIZE == 6, "eliminate_step writes out six rows"
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
 _PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
 _CONVERGED = 5e-5  # [m], [rad] change of a pose; with six times as much, real pushes end worse after a knock
@@ -133,10 +133,10 @@ def _eliminate_steps(steps: Records, left: int, row: Records, terms: Records, ow
             t += 1
         for m in range(len(own[0])):
             if own[0][m] == left + k:
-                _add(OWN, _copy(own[1][m], out), out, now, system, gradient)
-        if k > 0 and not eliminate(0, STEP_SIZE, system, gradient, before.root, before.y):
+                _add(int(OWN), _copy(own[1][m], out), out, now, system, gradient)
+        if k > 0 and not eliminate_step(system, gradient, before.root, before.y):
             return False
-    return eliminate(STEP_SIZE, WIDTH, system, gradient, row.last_root, row.last_y)
+    return eliminate(STEP_SIZE, system, gradient, row.last_root, row.last_y)
 
 
 @kernel
@@ -174,7 +174,7 @@ def _write_next_past(second: Records, row: Records, drift: Array, work: Records)
         gradient[i] = work.gradient[i]
         for j in range(WIDTH):
             system[i, j] = work.system[i, j]
-    is_found = eliminate(0, STEP_SIZE, system, gradient, work.next_root, work.next_y)
+    is_found = eliminate_step(system, gradient, work.next_root, work.next_y)
     for i in range(3):
         past.g[i], past.e[i] = second.g[i], second.e[i]
     for i in range(SHARED_SIZE):
@@ -227,8 +227,8 @@ def _move(steps: Records, row: Records, change: Array) -> bool:
         row.moved[i] = change[STEP_SIZE + i]
     for k in range(len(steps) - 1, -1, -1):
         now = steps[k]
-        exp_onto(now.g, change, STEP_SIZE)
-        exp_onto(now.e, change, STEP_SIZE + 3)
+        exp_onto(now.g, change[STEP_SIZE:])
+        exp_onto(now.e, change[STEP_SIZE + 3 :])
         turn = rotation(now.e[2] - now.g[2])
         place = position(now.e) - turn * position(now.g)
         now.object[0], now.object[1], now.object[2] = place.real, place.imag, wrap(now.e[2] - now.g[2])
@@ -297,7 +297,7 @@ def _put_innovations(its: Records, left: int, row: Records, terms: Records, own:
             for r in range(count):  # its residual is from before the last Gauss-Newton step
                 for i in range(LAST_SIZE):
                     out.residual[r] += out.jacobian[r, STEP_SIZE + i] * row.moved[i]
-            _put_innovation(OWN, last, count, 0.0, its, row, out)
+            _put_innovation(int(OWN), last, count, 0.0, its, row, out)
 
 
 @kernel
@@ -353,12 +353,12 @@ def begin_step(steps: Records) -> None:
 
 
 @kernel
-def eliminate(first: int, stop: int, system: Array, gradient: Array, root: Array, y: Array) -> bool:
-    """Eliminate numbers from `first` up to `stop`; False if they are indeterminate.
+def eliminate(first: int, system: Array, gradient: Array, root: Array, y: Array) -> bool:
+    """Eliminate as many numbers as `y` has, from `first` on; False if they are indeterminate.
 
-    Their rows of the upper Cholesky root, and of root^-T gradient, are written to root (stop - first, WIDTH) and y.
+    Their rows of the upper Cholesky root, and of root^-T gradient, are written to root (len(y), WIDTH) and y.
     """
-    for p in range(stop - first):
+    for p in range(len(y)):
         pivot, row = first + p, root[p]
         total = gradient[pivot]
         for j in range(pivot, WIDTH):
@@ -374,23 +374,24 @@ def eliminate(first: int, stop: int, system: Array, gradient: Array, root: Array
         for j in range(pivot, WIDTH):
             row[j] *= share
         y[p] = share * total
-    if stop - first == STEP_SIZE:  # else nothing is left
-        _subtract_square(stop, root, y, system, gradient)
     return True
 
 
 @kernel
-def _subtract_square(start: int, root: Array, y: Array, system: Array, gradient: Array) -> None:
-    """Subtract root^T root from the rest of a system, and root^T y from its gradient, from `start` on.
+def eliminate_step(system: Array, gradient: Array, root: Array, y: Array) -> bool:
+    """Eliminate the older step, and subtract root^T root from the rest of the system, root^T y from its gradient.
 
     The six rows are written out, so that an element of the system is read and written once.
     """
-    for i in range(start, WIDTH):
+    if not eliminate(0, system, gradient, root, y):
+        return False
+    for i in range(STEP_SIZE, WIDTH):
         a, b, c, d, e, f = root[0, i], root[1, i], root[2, i], root[3, i], root[4, i], root[5, i]
         gradient[i] = gradient[i] - a * y[0] - b * y[1] - c * y[2] - d * y[3] - e * y[4] - f * y[5]
         for j in range(i, WIDTH):
             left = system[i, j] - a * root[0, j] - b * root[1, j] - c * root[2, j]
             system[i, j] = left - d * root[3, j] - e * root[4, j] - f * root[5, j]
+    return True
 
 
 @kernel

@@ -48,9 +48,9 @@ def between(a: Array, b: Array, out: Array) -> None:
 
 
 @kernel
-def exp_onto(pose: Array, change: Array, start: int) -> None:
-    """Perturb a pose (3,) by the tangent vector at `start` of a change (N,): pose exp(change)."""
-    dx, dy, turned = change[start], change[start + 1], change[start + 2]
+def exp_onto(pose: Array, change: Array) -> None:
+    """Perturb a pose (3,) by the tangent vector at the begin of a change (3 or more,): pose exp(change)."""
+    dx, dy, turned = change[0], change[1], change[2]
     half = 0.5 * turned
     chord = math.sin(half) / half if half != 0.0 else 1.0
     moved = position(pose) + rotation(pose[2] + half) * chord * complex(dx, dy)
