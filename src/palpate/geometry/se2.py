@@ -70,8 +70,8 @@ def exp(xi: ArrayLike) -> Array:
     """Return the pose reached by the constant body velocity xi in unit time."""
     vx, vy, omega = _split(xi)
     half = 0.5 * omega
-    sin = np.sin(half)
-    chord = _chord(half, sin)
+    sin, zero = np.sin(half), half == 0.0
+    chord = (sin + zero) / (half + zero)  # of an arc, over its length
     a, b = chord * np.cos(half), chord * sin
     return _join(a * vx - b * vy, b * vx + a * vy, wrap(omega))
 
@@ -155,12 +155,6 @@ def _matrices(rows: list[list[Any]]) -> Array:
     """Return the matrices whose elements, of one shape, are given in rows; the last two axes are theirs."""
     found = np.array(rows)
     return found if found.ndim == 2 else np.ascontiguousarray(np.moveaxis(found, (0, 1), (-2, -1)))
-
-
-def _chord(half: Any, sin: Any) -> Any:
-    """Return sin(h) / h, which is the chord of an arc over its length."""
-    zero = half == 0.0
-    return (sin + zero) / (half + zero)
 
 
 def _half_cot(half: Any) -> Any:

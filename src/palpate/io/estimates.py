@@ -1,8 +1,7 @@
 """Estimates in files: `estimates.csv` with covariance, status and its reason, and messages in an MCAP.
 
-`estimates.csv` has one estimate a row in full
-double precision, SI units and radians; the covariance is that of the tangent vector at the estimate (right, body
-frame), and contact is 1 or 0.
+`estimates.csv` has one estimate a row in full double precision, SI units and radians; the covariance is that of the
+tangent vector at the estimate (right, body frame), and contact is 1 or 0.
 
 As messages, each estimate is a `PoseStamped`, which viewers draw, a `PoseWithCovarianceStamped`, whose covariance is
 about the axes of the header's frame as ROS has it, not the object's, and a `DiagnosticArray`.

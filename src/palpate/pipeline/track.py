@@ -122,8 +122,7 @@ def track(
         summary["tactile_reason"] = tracker.tactile_reason
     is_learnt = settings.tactile == "learnt"
     model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
-    known = calibration, first, sigma
-    run = Run(recording, settings, model, *known, online, answers, step_ms, summary)
+    run = Run(recording, settings, model, calibration, first, sigma, online, answers, step_ms, summary)
     if failure is not None and keep:
         keep(run)
         raise failure

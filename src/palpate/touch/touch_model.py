@@ -159,9 +159,8 @@ def shipped_model(sensor: str = "DIGIT") -> TouchModel:
 
 def fingerprint(settings: Any, network: bytes) -> str:
     """Return the hash of a model's settings and network."""
-    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-    digest.update(hashlib.sha256(network).digest())
-    return digest.hexdigest()
+    text = json.dumps(settings, sort_keys=True).encode()
+    return hashlib.sha256(text + hashlib.sha256(network).digest()).hexdigest()
 
 
 def session(network: bytes) -> Any:
