@@ -153,8 +153,7 @@ def run_study(
             else:
                 jobs.append(((name, method), path.resolve()))
         study.kept = len(outcomes)
-        if jobs:
-            warm_up()  # before there are workers, so that none has to
+        warm_up()  # before there are workers, so that none has to
         with closing(spread(partial(_track, settings=settings, track_by=track_by), jobs, workers, dask)) as results:
             for key, outcome in results:
                 if isinstance(outcome, Trial):

@@ -25,6 +25,7 @@ from palpate.files import whole_file
 from palpate.lab.parallel import spread
 from palpate.lab.study.recordings import group_of
 from palpate.lab.study.study import StudySettings, track_file
+from palpate.tracker import warm_up
 
 Scores = Mapping[str, dict[str, Any] | str | None]
 """Summaries of recordings by name; the reason where one cannot be used, None where the estimator could not go on."""
@@ -112,6 +113,7 @@ def tune(
 
     if evaluations < 1:
         raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
+    warm_up()  # before there are workers, so that none has to, at every evaluation anew
     start = settings.tracker
     names = parameters_of(start, settings.methods[0])
     first = scores_of(files, settings, workers)
