@@ -62,9 +62,9 @@ def run(node: Any, stop: threading.Event) -> None:
     settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
     calibration = None if unit is None else load_calibration(str(unit))
     outline, topics = load_shape(str(shape)), Topics(node)
-    tracker = Tracker(outline, DIGIT, first_pose, settings, calibration=calibration, first_pose_sigma=sigma)
-    offset = topics.placement.time_offset
-    sources = Sources(topics.images, topics.poses, topics.now, DIGIT, offset)
+    known: Any = {"calibration": calibration, "first_pose_sigma": sigma, "is_view_known": topics.view.is_stated}
+    tracker = Tracker(outline, DIGIT, first_pose, settings, **known)
+    sources = Sources(topics.images, topics.poses, topics.now, DIGIT, topics.placement.time_offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))
     session.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in session.counts.items()))
@@ -121,7 +121,7 @@ class Topics:
         """Take the node. Raises SettingError if a parameter is unusable."""
         given = {name: value for name in ("sensor_T_gel", "time_offset", "plane") if (value := _parameter(node, name))}
         self.placement = Placement(str(_parameter(node, "orientation") or ""), **given)
-        self._node, self._place, self._view = node, GelPoses(self.placement), camera_view(self.placement.orientation)
+        self._node, self._place, self.view = node, GelPoses(self.placement), camera_view(self.placement.orientation)
         self._clock = node.get_clock()
         self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
         self.images = partial(self._messages, IMAGES, ros.IMAGE_TYPES, self._image)
@@ -160,8 +160,8 @@ class Topics:
 
     def _image(self, message: Any) -> TouchImage:
         data = ros.image_in(message)
-        if self._view != AS_IT_IS:
-            data = self._view.of(decode_image(data) if isinstance(data, bytes) else data)
+        if self.view != AS_IT_IS:
+            data = self.view.of(decode_image(data) if isinstance(data, bytes) else data)
         return TouchImage(self._time_of(message), data)
 
     def _pose(self, message: Any) -> TimedPose | FrameError:

@@ -2,7 +2,6 @@
 
 import logging
 import math
-import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -16,7 +15,7 @@ from palpate.arrays import Array
 from palpate.checks import SPAN, TURNS
 from palpate.compiled import is_cached
 from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
-from palpate.errors import EstimationError, SettingError, one_line
+from palpate.errors import EstimationError, SettingError
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Shape, check_outline
@@ -51,6 +50,7 @@ class Tracker:
         touch: Touch | None = None,
         first_pose_sigma: ArrayLike | None = None,
         set_up_sigma: ArrayLike | None = None,
+        is_view_known: bool = False,
     ) -> None:
         """Take the object's outline, the sensor or its name, and world_T_object (3,) [m, m, rad] at the first frame.
 
@@ -59,7 +59,8 @@ class Tracker:
         default `noise.first_pose`. `set_up_sigma` are those of the constant offset between sensor, world and outline,
         by default `noise.sensor_pose.calibration`. Without a `calibration` of this sensor unit, the first half second
         of images is taken as untouched; one by pushes corrects the sensor's poses, too, and takes the place of
-        `set_up_sigma`. `touch` is an object of your own that measures in place of the touch model.
+        `set_up_sigma`. `touch` is an object of your own that measures in place of the touch model. Unless the
+        calibration or `is_view_known` says that images are upright, the tracker finds out if they are.
 
         The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
@@ -73,7 +74,7 @@ class Tracker:
         self._sensor, self._settings = sensor, settings
         self._gate = InputGate(sensor, calibration)
         self._is_touch_given = touch is not None
-        is_view_known = calibration is not None and calibration.is_view_known
+        is_view_known |= calibration is not None and calibration.is_view_known
         pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
         noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
         self._bank = HypothesisBank(
@@ -83,21 +84,6 @@ class Tracker:
             may_be_mirrored=not (is_view_known or self._is_touch_given),
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
-
-    def __getstate__(self) -> bytes:
-        """Return the state of a copy or a pickle, which goes on as this tracker would; the two share nothing.
-
-        Raises EstimationError if a touch or measurement of the user's own cannot be pickled.
-        """
-        try:
-            return pickle.dumps(vars(self))
-        except Exception as error:
-            found = one_line(error)
-            raise EstimationError(f"the tracker cannot be copied, since a part of it cannot be ({found})") from error
-
-    def __setstate__(self, state: bytes) -> None:
-        """Take the state of a tracker that was copied or pickled."""
-        vars(self).update(pickle.loads(state))
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.

@@ -2,7 +2,6 @@ import copy
 import dataclasses
 import math
 import pickle
-import threading
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,7 +22,7 @@ from tracker_samples import (
     yaw_deviations,
 )
 
-from palpate import DIGIT, EstimationError, Frame, Measurement, NoiseSettings, Tracker, Turn
+from palpate import DIGIT, Frame, Measurement, NoiseSettings, Tracker, Turn
 
 
 @pytest.mark.parametrize("radius", [0.0, RADIUS])
@@ -155,7 +154,7 @@ def test_a_gap_in_time_ends_a_contact(smoother):
     assert compared == [2, 1]
 
 
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
 def test_a_copy_goes_on_as_the_tracker_does(copied):
     o, e, contact = in_two_contacts("rectangle", 20)
     seen = frames(o, e, contact)
@@ -165,16 +164,3 @@ def test_a_copy_goes_on_as_the_tracker_does(copied):
     twin = copied(tracker)
     wanted = [tracker.update(frame) for frame in seen[30:]]
     same([twin.update(frame) for frame in seen[30:]], wanted)
-
-
-def test_a_tracker_that_cannot_be_copied_says_why():
-    class Locked:
-        lock = threading.Lock()
-
-        def measure(self, frame: Frame) -> list[Measurement]:
-            return []
-
-        def end_contact(self) -> None: ...
-
-    with pytest.raises(EstimationError, match=r"the tracker cannot be copied, since a part of it cannot be .*Locked"):
-        copy.deepcopy(Tracker(SHAPES["disc"], DIGIT, None, touch=Locked()))

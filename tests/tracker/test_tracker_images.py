@@ -47,6 +47,15 @@ def test_contact_is_what_images_show_whatever_the_flags_say(recording):
         assert not found[~touched].any()
 
 
+def test_how_images_lie_is_doubted_unless_it_is_stated(recording, tmp_path):
+    upside_down = recording.oriented("180")
+    doubted = track(dataclasses.replace(upside_down, is_view_known=False))
+    assert doubted.summary["mirrored"] and not track(upside_down).summary["mirrored"]
+    palpate.write_recording(recording.oriented("upright"), tmp_path / "a.mcap")
+    assert palpate.load_recording(tmp_path / "a.mcap").is_view_known
+    assert not recording.oriented("bgr").is_view_known  # says nothing of left and right
+
+
 def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(recording):
     """A tracker cannot look ahead: it takes the contact from where the sensor is, and touch tells nothing."""
     frames = late_frames(recording)

@@ -241,7 +241,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"images": "images/"}, "images: found 'images/', expected N arrays"),
         ({"images": TURNED}, "image 0: found 8 rows and 12 columns.*lie on their side: orientation=.90"),
         ({"images": tiny_images(20)[:, :11]}, "image 0: found 11 rows and 8 columns, .* crop and scale"),
-        ({"orientation": "sideways"}, "orientation is 'sideways'; allowed are, with commas, 90, 180"),
+        ({"orientation": "sideways"}, "orientation is 'sideways'; allowed are, with commas, upright, 90"),
         ({"orientation": 90}, "image 0: found 12 rows and 8 columns, .* upright before they are turned by 90"),
         ({"images": None}, "images: found None, and no contact"),
         ({"time_offset": -50}, "is time_offset in seconds"),

@@ -38,8 +38,9 @@ Orientation: TypeAlias = Annotated[
     str,
     arg(
         "WORDS",
-        "upright",
-        help="Steps that make images upright, with commas: 90, 180 or 270 (degrees counter-clockwise), mirrored, bgr.",
+        "as they come",
+        help="Steps that make images upright, with commas: 90, 180 or 270 (degrees counter-clockwise), mirrored, bgr; "
+        "or upright. Without any, tracking doubts how they lie.",
     ),
 ]
 

@@ -175,18 +175,17 @@ def calibrate(
         with in_file(path):
             return fitted(read_image(path), size, view)
 
-    length = numbers_of([ruler[0].removesuffix("mm")]) if ruler and ruler[0].endswith("mm") else None
-    if ruler and not (length and length[0] > 0.0):
-        raise SettingError(f"--ruler: found the length {ruler[0]!r}; expected a number above 0 in mm, such as 8mm")
-    scale = (look(ruler[1]), 1e-3 * length[0]) if ruler and length else None
     still = [look(each) for each in untouched] or list(first_images([recording] if recording else pushed))
     reader = palpate.TouchModel(model) if model else shipped_model(profile.name) if presses or pushes else None
     numbers: dict[str, Any] = {"untouched": len(still)}
     with in_file(file or out):
         calibration = palpate.Calibration(background_of(still))
-    if ruler and scale:
+    if ruler:
+        length = numbers_of([ruler[0].removesuffix("mm")]) if ruler[0].endswith("mm") else None
+        if not (length and length[0] > 0.0):
+            raise SettingError(f"--ruler: found the length {ruler[0]!r}; expected a number above 0 in mm, such as 8mm")
         with in_file(ruler[1]):
-            calibration = with_ruler(calibration, *scale, profile)
+            calibration = with_ruler(calibration, look(ruler[1]), 1e-3 * length[0], profile)
     if presses:
         pressed = read_presses(presses, look, profile)
         with in_file(presses):

@@ -193,8 +193,9 @@ def live(
             shape, sources = recording.shape, replayed(recording)
             first, sigma = first_pose_of(recording, palpate.NoiseSettings(), first, sigma)
         settings = palpate.TrackerSettings(touch.tactile)
-        tracker = palpate.Tracker(shape, sources.sensor, first, settings, model, unit, first_pose_sigma=sigma)
-        keep = record and stack.enter_context(recorder(record, shape, sources.sensor, force))
+        known: Any = {"first_pose_sigma": sigma, "is_view_known": sources.is_view_known}
+        tracker = palpate.Tracker(shape, sources.sensor, first, settings, model, unit, **known)
+        keep = record and stack.enter_context(recorder(record, shape, sources, force))
         stop = stack.enter_context(stop_on_signals())
         session = LiveSession(tracker, sources, complain)
         bar = stack.enter_context(progress_bar(name))

@@ -40,7 +40,9 @@ _MIRRORED = (
     "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
     "it with --orientation 180 or mirrored, for the outline may be mirrored or the first pose wrong instead"
 )
-_OPEN = "not yet known if touch images are turned by half a turn or mirrored; palpate calibrate --presses measures it"
+_OPEN = (
+    "not yet known if touch images are turned by half a turn or mirrored; --orientation upright says that they are not"
+)
 
 
 class HypothesisBank:

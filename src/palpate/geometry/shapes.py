@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.arrays import Array
 from palpate.checks import FARTHEST, METRES, checked_number, is_near, other_unit
 from palpate.errors import SettingError, ShapeError
+from palpate.geometry.se2 import wrap
 
 
 class _Outline(ABC):
@@ -345,8 +346,16 @@ SHAPES: dict[str, Shape] = {
 
 
 def sharp_corners(corners: Array) -> NDArray[np.intp]:
-    """Return the indices of the corners that stick out and at which the outline turns by more than 30 degrees."""
+    """Return the first and last vertex (K, 2) of corners that stick out, where the outline turns by over 30 degrees.
+
+    Bends within 1 mm are one corner to a gel, as of a chamfer or of a fillet in short edges.
+    """
     edges = np.roll(corners, -1, axis=0) - corners
-    angles = np.arctan2(edges[:, 1], edges[:, 0])
-    turn = (angles - np.roll(angles, 1) + np.pi) % (2.0 * np.pi) - np.pi
-    return np.flatnonzero(turn > np.radians(30.0))
+    angles, lengths = np.arctan2(edges[:, 1], edges[:, 0]), np.hypot(edges[:, 0], edges[:, 1])
+    place, around = np.cumsum(lengths) - lengths, lengths.sum()
+    bends = np.flatnonzero(np.abs(wrap(angles - np.roll(angles, 1))) > np.radians(1.0))
+    is_last = np.diff(place[bends], append=place[bends[:1]] + around) > 1e-3
+    first, last = bends[np.roll(is_last, 1)], bends[is_last]
+    last = np.roll(last, -int((last[:1] < first[:1]).sum()))  # one corner may be on both sides of the first vertex
+    is_one = (place[last] - place[first]) % around < 1e-3  # and not a curve
+    return np.column_stack([first, last])[is_one & (wrap(angles[last] - angles[first - 1]) > np.radians(30.0))]

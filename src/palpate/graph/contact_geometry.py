@@ -123,12 +123,12 @@ def contact_model(shape: Shape, sensor: SensorProfile) -> ContactModel:
 def _corners(shape: Shape) -> Array:
     if isinstance(shape, Disc | Ellipse):
         return np.empty((0, 4))
-    x, y = shape.corners.T
-    along = np.roll(x + 1j * y, -1) - (x + 1j * y)
-    before = np.roll(along, 1)
-    half = 0.5 * np.angle(along / before)
-    found = np.column_stack([x, y, np.angle(1j * before) + half, half])
-    return found[sharp_corners(shape.corners)]
+    first, last = sharp_corners(shape.corners).T
+    vertices = shape.corners @ (1.0, 1j)
+    along = np.roll(vertices, -1) - vertices
+    before, place = along[first - 1], 0.5 * (vertices[first] + vertices[last])
+    half = 0.5 * np.angle(along[last] / before)
+    return np.column_stack([place.real, place.imag, np.angle(1j * before) + half, half])
 
 
 @compiled

@@ -172,7 +172,6 @@ def planar_recording(
         if off := np.count_nonzero(seen.known & ~good):
             logger.warning("%s: %d true poses are off the plane of the others and taken as unknown", seen.name, off)
         object_pose[good] = space.in_plane(plane, seen[good], placement.off_plane, time[good])
-    recording = Recording(
-        time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, contact=contact, image=image, **fields
-    )
+    fields |= {"contact": contact, "image": image, "is_view_known": camera_view(placement.orientation).is_stated}
+    recording = Recording(time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, **fields)
     return recording, plane

@@ -32,7 +32,7 @@ METADATA, ARRAYS, VERSION = "palpate", "palpate/", "1"
 IMAGES, SENSOR_POSES, OBJECT_POSES = "/sensor/image/compressed", "/sensor/pose", "/object/pose"
 CONTACT = "/sensor/contact"
 FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact")
-POSES = ("first_pose", "first_pose_sigma", "set_up_sigma")
+STATED = ("first_pose", "first_pose_sigma", "set_up_sigma", "is_view_known")
 
 
 def is_recording(path: Path) -> bool:
@@ -56,9 +56,9 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     stamps = ros.nanoseconds(path, recording.time)
     plane, truth = flat(), recording.object_pose
     about = {"source": recording.source}
-    for name in POSES:
+    for name in STATED:
         if (value := getattr(recording, name)) is not None:
-            about[name] = json.dumps(value.tolist())
+            about[name] = json.dumps(np.asarray(value).tolist())
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
     with ros.new_mcap(path, overwrite) as file:
@@ -95,7 +95,8 @@ def read_recording(path: Path | str) -> Recording:
         if not files:
             # Of a live session: each image with the sensor's pose at its time. That is the time of recording, which
             # equals the headers': a replay may begin at 0 s, which in a header means no stamp.
-            choices = BagChoices(images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
+            orientation = "upright" if about.get("is_view_known") == "true" else ""
+            choices = BagChoices(orientation, images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
             return read_bag(path, shape, choices, sensor).recording
         arrays = {name.removeprefix(ARRAYS).removesuffix(".npy"): _parsed(name, data) for name, data in files.items()}
         for name in ("time", "sensor_pose"):
@@ -104,7 +105,7 @@ def read_recording(path: Path | str) -> Recording:
         images, count = _frames(path)
         return Recording(
             **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
-            **{name: _parsed(name, about[name]) for name in POSES if name in about},
+            **{name: _parsed(name, about[name]) for name in STATED if name in about},
             shape=shape,
             sensor=sensor,
             image=images[:count] or None,

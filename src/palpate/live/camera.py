@@ -31,7 +31,7 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Plac
     """
     now, path = clock_from(time()), Path(f"/dev/video{name}" if name.isdecimal() else name)
     now()
-    is_film = path.is_dir() or path.is_file()
+    is_film, view = path.is_dir() or path.is_file(), camera_view(placement.orientation)
     rate, pictures = film(path, sensor, now) if is_film else camera(path, sensor, now)
 
     def images(stop: threading.Event) -> Iterator[TouchImage | str]:
@@ -43,7 +43,7 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Plac
             yield "the camera is lost, which ends the session"
 
     with closing(pictures), udp_poses(poses, now, GelPoses(placement)) as source:
-        yield Sources(images, source, now, replace(sensor, rate=rate), placement.time_offset)
+        yield Sources(images, source, now, replace(sensor, rate=rate), placement.time_offset, view.is_stated)
 
 
 def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures]:

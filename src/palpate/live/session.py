@@ -26,7 +26,6 @@ from palpate.tracker import Tracker
 from palpate.types.estimate import Estimate
 from palpate.types.images import decode_image, encode_image
 from palpate.types.measurements import Frame
-from palpate.types.sensor import SensorProfile
 from palpate.types.space import flat
 
 Listen = Callable[[TouchImage | TimedPose | Estimate], Any]
@@ -179,15 +178,15 @@ def stop_on_signals() -> Iterator[threading.Event]:
 
 
 @contextmanager
-def recorder(path: Path, shape: Shape, sensor: SensorProfile, force: bool = False) -> Iterator[Listen]:
-    """Yield a function that records into a new MCAP; `sensor` has the size of arriving images.
+def recorder(path: Path, shape: Shape, sources: Sources, force: bool = False) -> Iterator[Listen]:
+    """Yield a function that records into a new MCAP what arrives from sources.
 
     Raises FileError if the file exists, unless `force`.
     """
     ros.ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
     plane = flat()
     with ros.new_mcap(path, force, growing=True) as file:
-        describe(file, shape, sensor)
+        describe(file, shape, sources.sensor, {"is_view_known": str(sources.is_view_known).lower()})
 
         def record(item: TouchImage | TimedPose | Estimate) -> None:
             (stamp,) = ros.nanoseconds(path, np.array([item.time]))

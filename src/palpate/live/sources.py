@@ -71,6 +71,8 @@ class Sources:
     """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them."""
     time_offset: float = 0.0
     """Added to the times of images [s]: negative where they are late."""
+    is_view_known: bool = False
+    """Images are upright for sure, since `orientation` said how they lay."""
 
 
 class PoseTrack:
@@ -135,7 +137,7 @@ def replayed(recording: Recording) -> Sources:
             yield kind(when, value)
 
     images_of, poses_of = partial(play, TouchImage, images), partial(play, TimedPose, recording.sensor_pose)
-    return Sources(images_of, poses_of, now, recording.sensor)
+    return Sources(images_of, poses_of, now, recording.sensor, is_view_known=recording.is_view_known)
 
 
 @contextmanager

@@ -88,7 +88,8 @@ def track(
     warm_up()  # its notice is none of the recording's warnings
     with kept_warnings() as warnings:
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
-        start = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
+        start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
+        start["first_pose_sigma"] = sigma
         tracker = Tracker(recording.shape, recording.sensor, first, settings, model, calibration, **start)
         try:
             for index, (estimate, step_ms[index]) in enumerate(tracked_frames(tracker, recording)):

@@ -66,10 +66,14 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
             f"found no two imprints of the ruler side by side {1e3 * length:g} mm apart: are they one, or is the "
             "length another?"
         )
-    # Rendered edges are found 2 % too near to each other, and balls 2 to 5 %, as their inner flanks show more.
-    pitch, sigma = length / (1.03 * best), math.hypot(_RULER[0], _RULER[1] / length)
-    direction = DirectionCorrection(scale_sigma=math.hypot(_OTHER_OBJECTS, sigma))
-    return replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma, direction=direction)
+    # Rendered edges and balls are found 3 % too far apart on a flat gel, and less so on a round one, where they are
+    # pressed in at an angle and their inner flanks are deeper.
+    angle = 0.0 if sensor.flat_width else length / sensor.radius
+    pitch, sigma = length / ((0.97 + 0.3 * angle) * best), math.hypot(_RULER[0], _RULER[1] / length)
+    found = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
+    # An image that shows less than the pad cuts off sides: their directions are read too near to the middle.
+    scale = 1.0 if sensor.flat_width else 1.0 - 0.35 * max(0.9 - calibrated(sensor, found).shown, 0.0)
+    return replace(found, direction=DirectionCorrection(scale=scale, scale_sigma=math.hypot(_OTHER_OBJECTS, sigma)))
 
 
 @dataclass(frozen=True, eq=False)

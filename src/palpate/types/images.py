@@ -3,7 +3,7 @@
 import io
 import struct
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
@@ -28,6 +28,8 @@ class CameraView:
     """Exchange left and right, done second."""
     channels: tuple[int, int, int] = (0, 1, 2)
     """The camera's channels that are red, green and blue."""
+    is_stated: bool = field(default=False, compare=False)
+    """Words said how images lie, and not only the order of their channels."""
 
     @property
     def keeps_left_and_right(self) -> bool:
@@ -49,22 +51,23 @@ class CameraView:
 
 
 AS_IT_IS = CameraView()
+_TURNS = {"upright": 0, "0": 0, "90": 1, "180": 2, "270": 3}
 
 
 def camera_view(orientation: str) -> CameraView:
     """Return the view that words as in "90,mirrored,bgr" describe. Raises SettingError."""
     view = AS_IT_IS
     for word in str(orientation).lower().replace(",", " ").split():
-        if word in ("0", "90", "180", "270"):
-            view = replace(view, quarter_turns=(view.quarter_turns + int(word) // 90) % 4)
+        if word in _TURNS:
+            view = replace(view, quarter_turns=(view.quarter_turns + _TURNS[word]) % 4, is_stated=True)
         elif word == "mirrored":
-            view = replace(view, mirrored=True)
+            view = replace(view, mirrored=True, is_stated=True)
         elif sorted(word) == sorted("rgb"):
             view = replace(view, channels=(word.index("r"), word.index("g"), word.index("b")))
         else:
             raise SettingError(
-                f"orientation is {orientation!r}; allowed are, with commas, 90, 180 or 270 (degrees by which to turn "
-                "images counter-clockwise), mirrored, and the order of channels, such as bgr"
+                f"orientation is {orientation!r}; allowed are, with commas, upright, 90, 180 or 270 (degrees by "
+                "which to turn images counter-clockwise), mirrored, and the order of channels, such as bgr"
             )
     return view
 

@@ -15,7 +15,7 @@ from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.types.choices import Normal, Placement
-from palpate.types.images import AS_IT_IS, Codec, camera_view, decode_image, turned_image
+from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile, known_sensor
 
@@ -53,6 +53,8 @@ class Recording:
     set_up_sigma: Array | None = None
     """standard deviations of the constant offset between sensor, world and outline (3,) [m, m, rad], zeros if they are
     exact; None is that of a usual set-up, `noise.sensor_pose.calibration`"""
+    is_view_known: bool = False
+    """images are upright for sure, since `orientation` says how they lay; otherwise tracking doubts it"""
     file: Path | None = None
     """the file it was read from; errors name it"""
 
@@ -126,8 +128,8 @@ class Recording:
         - image_time, images: times (N,), increasing, and arrays of uint8 (N, height, width, 3), RGB, encoded JPEG or
           PNG (bytes), or paths of files. Without images (None), `contact` is needed. Multiples of the sensor's size are
           scaled down.
-        - orientation: how images lie, as words with commas: 90, 180 or 270, the degrees counter-clockwise that make
-          them upright, mirrored, and the order of channels, such as bgr.
+        - orientation: how images lie, as words with commas: upright, or 90, 180 or 270, the degrees counter-clockwise
+          that make them so, mirrored, and the order of channels, such as bgr. Without it tracking doubts how they lie.
         - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it.
         - sensor_T_gel: pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
           along the columns of an image. None if `poses` are the gel's own.
@@ -183,9 +185,8 @@ class Recording:
     def oriented(self, orientation: str) -> "Recording":
         """Return the recording with its images turned; see `from_arrays`. Raises FileError and SettingError."""
         view, size = camera_view(orientation), (self.sensor.image_height, self.sensor.image_width)
-        if self.image is None or view == AS_IT_IS:
-            return self
-        return replace(self, image=tuple(turned_image(each, size, view) for each in self.image))
+        image = self.image and tuple(turned_image(each, size, view) for each in self.image)
+        return replace(self, image=image, is_view_known=self.is_view_known or view.is_stated)
 
     def until(self, count: int) -> "Recording":
         """Return the first `count` frames."""

@@ -80,7 +80,7 @@ def draw_place(shape: Shape, kind: str, rng: np.random.Generator) -> tuple[Array
         margin = min(0.015, 0.4 * lengths[i])
         at = rng.uniform(margin, lengths[i] - margin)
         return corners[i] + at / lengths[i] * edges[i], float(normals[i])
-    i = int(rng.choice(sharp_corners(corners)))
+    i = int(rng.choice(sharp_corners(corners)[:, 0]))
     before = i - 1
     if kind.endswith("-near-corners"):
         away = rng.uniform(0.25, 1.0) * 0.008
