@@ -39,8 +39,7 @@ Orientation: TypeAlias = Annotated[
     arg(
         "WORDS",
         "as they come",
-        help="Steps that make images upright, with commas: 90, 180 or 270 (degrees counter-clockwise), mirrored, bgr; "
-        "or upright. Without any, tracking doubts how they lie.",
+        help="Steps to make images upright: 90, 180, 270 (degrees counter-clockwise), mirrored, bgr; or upright alone.",
     ),
 ]
 

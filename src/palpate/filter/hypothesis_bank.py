@@ -36,13 +36,8 @@ _BACK = 10  # steps before an alarm in which a hand may have moved the object
 _SPREAD = 0.012  # [m] standard deviation of the object's slide over the sensor meanwhile
 _SLIDES = np.array([0.0, 0.018, -0.018, 0.036, -0.036])  # [m] slides over the sensor that become hypotheses
 _UNDECIDED = 1e-2  # weight of images that are mirrored, or are not, from which it is undecided
-_MIRRORED = (
-    "touch fits the push only with the images turned by half a turn or mirrored, so they are taken that way; confirm "
-    "it with --orientation 180 or mirrored, for the outline may be mirrored or the first pose wrong instead"
-)
-_OPEN = (
-    "not yet known if touch images are turned by half a turn or mirrored; --orientation upright says that they are not"
-)
+_MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
+_OPEN = "not yet known if touch images are upside down or mirrored; --orientation upright says that they are not"
 
 
 class HypothesisBank:

@@ -66,8 +66,7 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
             f"found no two imprints of the ruler side by side {1e3 * length:g} mm apart: are they one, or is the "
             "length another?"
         )
-    # Rendered edges and balls are found 3 % too far apart on a flat gel, and less so on a round one, where they are
-    # pressed in at an angle and their inner flanks are deeper.
+    # Rendered edges and balls are found 3 % too far apart on a flat gel; on a round one their inner flanks are deeper.
     angle = 0.0 if sensor.flat_width else length / sensor.radius
     pitch, sigma = length / ((0.97 + 0.3 * angle) * best), math.hypot(_RULER[0], _RULER[1] / length)
     found = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
@@ -96,8 +95,7 @@ def read_presses(
 ) -> Presses:
     """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    `look` reads an image. With the sensor, places (place_mm) may stand for angles, and presses in order need
-    neither.
+    `look` reads an image. With the sensor, places (place_mm) may stand for angles; presses in order need neither.
     """
     column, most, unit = "angle_deg", 90.0, "degrees"
     if sensor and "place_mm" in (columns := table_columns(path)):

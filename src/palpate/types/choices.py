@@ -24,7 +24,7 @@ class Placement:
     """How images and poses of a robot become those of a sensor in a plane; of bags, arrays and live sessions alike."""
 
     orientation: str = ""
-    """Steps that make images upright: 90, 180 or 270 (degrees counter-clockwise), mirrored, bgr; or upright alone."""
+    """Steps to make images upright: 90, 180, 270 (degrees counter-clockwise), mirrored, bgr; or upright alone."""
     sensor_T_gel: tuple[float, float, float, float, float, float, float] | None = None
     """Pose of the gel in the frame of the sensor's poses, such as that of a flange: x, y, z [m], quaternion x, y, z, w.
     In Python it may also be a 4x4 matrix, or x, y, theta."""
