@@ -37,6 +37,8 @@ from palpate.lab.tune.tuning import (
     value_of,
     with_value,
 )
+from palpate.touch.background import background_of
+from palpate.touch.calibration import Calibration, SetUp
 
 Files = dict[str, Path]
 STEPS = 16
@@ -129,6 +131,13 @@ def test_noise_that_pushes_were_drawn_with_is_found_again(written):
 def test_tuning_twice_is_the_same(written):
     start, files = settings(sticking={"share": 1.0}), written(drawn(3))
     assert tune(files, start, 2) == tune(files, start, 2, workers=2)  # two pools of processes
+
+
+def test_all_of_a_calibration_is_used_its_set_up_too(written):
+    files, still = written(drawn(2)), background_of([np.zeros((1, 1, 3), np.uint8)])
+    moved = SetUp(sideways=(5e-3, 1e-4), delay=(0.0, 1e-3), depth=(3e-4, 1e-4), outline_scale=(0.0, 1e-3))
+    found = judged(files, replace(settings(), calibration=Calibration(still, set_up=moved)))
+    assert found.nats < judged(files, replace(settings(), calibration=Calibration(still))).nats - 1.0
 
 
 def test_few_recordings_leave_none_to_judge_by(written):
