@@ -1,6 +1,7 @@
 """Work on several processes and on a cluster, and workers that die."""
 
 import os
+import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -59,6 +60,14 @@ def test_workers_take_no_modules_from_the_working_folder(is_torch_loaded, tmp_pa
         Path(f"{name}.py").write_text("open('RAN', 'w').close()\n")
     assert list(spread(finds, ["stranger"] * 3, workers=2)) == [False] * 3
     assert not Path("RAN").exists()
+
+
+def test_workers_run_after_opencv_used_threads():
+    """They do not outlive a fork, and a worker would wait for them."""
+    used = "import cv2, numpy as np; cv2.setNumThreads(4); cv2.GaussianBlur(np.zeros((2000, 2000, 3)), (31, 31), 0)"
+    said = "from palpate.lab.parallel import spread; print(sorted(spread(abs, [1, -2, 3], 2)))"
+    done = subprocess.run([sys.executable, "-c", f"{used}; {said}"], capture_output=True, timeout=60, check=True)
+    assert done.stdout == b"[1, 2, 3]\n"
 
 
 def test_workers_that_cannot_start_are_one_sentence(monkeypatch):

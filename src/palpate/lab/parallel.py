@@ -11,6 +11,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
+import cv2
+
 from palpate.errors import FileError, SettingError
 from palpate.lab import required
 
@@ -79,6 +81,7 @@ def _processes(workers: int) -> Iterator[Executor]:
     # outlive a fork.
     method = "fork" if sys.platform == "linux" and "torch" not in sys.modules else "spawn"
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
+    cv2.setNumThreads(1)  # nor do OpenCV's, for which a forked worker would wait for ever
     try:
         with ProcessPoolExecutor(workers, get_context(method), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
             try:
@@ -110,8 +113,6 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 def _alone(function: Callable[[Item], Result], item: Item) -> Result:
-    import cv2
-
     cv2.setNumThreads(1)  # many processes would fight for cores
     return function(item)
 
