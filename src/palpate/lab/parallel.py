@@ -77,8 +77,7 @@ def quiet() -> Iterator[None]:
 
 @contextmanager
 def _processes(workers: int) -> Iterator[Executor]:
-    # A forked worker has what is loaded here, and finds no modules in the working folder. Torch's threads do not
-    # outlive a fork.
+    # A forked worker takes no modules from the working folder. Torch's threads do not outlive a fork.
     method = "fork" if sys.platform == "linux" and "torch" not in sys.modules else "spawn"
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
     cv2.setNumThreads(1)  # nor do OpenCV's, for which a forked worker would wait for ever
