@@ -213,7 +213,7 @@ def slid(y: float, heading: float, grip: float, steps: int) -> tuple[Array, Arra
         e = sensors[-1] + 1e-3 * np.array([np.cos(heading), np.sin(heading), 0.0])
         g = touches[-1]
         for _ in range(8):
-            at = values_at(model, [[touches[-1], g]], [[sensors[-1], e]], {GRIP: grip})
+            at = values_at(model, [[touches[-1], g]], [[sensors[-1], e]], {GRIP: np.log(grip)})
             rows = [rows_of(name, at) for name in ("sticking", "balance", "friction_cone")]
             residual = np.concatenate([one.residual[0, 0] for one in rows])[on_normal_balance_and_cone]
             jacobian = np.concatenate([one.jacobian[0, 0, :, 6:9] for one in rows])  # by g1

@@ -33,7 +33,7 @@ from palpate.graph.window import Window
 Array = np.ndarray
 ROBUST = with_settings(
     NoiseSettings(
-        priors=Priors(depth=(3e-4, 4e-4), friction_ratio=(0.2, 0.3), friction_center=(0.0, 0.12), grip=(0.4, 0.12)),
+        priors=Priors(depth=(3e-4, 4e-4), friction_ratio=(0.2, 0.3), friction_center=(0.0, 0.12), grip=(-0.92, 0.3)),
     ),
     first_pose={"deviation": NoiseSettings().first_pose.truth},
     sticking={"share": 0.03, "sliding_share": 3.0, "margin": 0.05, "kernel": 5.0},

@@ -31,7 +31,7 @@ def sigmas(noise: NoiseSettings, angle: Any, moved: float = 1e-3, grip: float = 
     g = np.tile(touching(ONE_TIP, 0.02), (len(angle), 2, 1))
     o = np.zeros((len(angle), 2, 3))
     o[:, 1, 0], o[:, 1, 1] = 1e-3 * np.cos(angle), 1e-3 * np.sin(angle)
-    at = values_at(ONE_TIP, g, se2.compose(o, g), {GRIP: grip})
+    at = values_at(ONE_TIP, g, se2.compose(o, g), {GRIP: np.log(grip)})
     rows = [rows_of(name, at, moved=moved, noise=noise) for name in ("sticking", "balance", "friction_cone")]
     with np.errstate(divide="ignore"):
         return np.concatenate([each.information[:, 0] ** -0.5 for each in rows], axis=1)
@@ -88,7 +88,7 @@ def test_the_kernel_of_sticking_is_on_both_rows_together(slid, left):
     # On a flat side at which the sensor is where it was and the object 3e-5 m times this further, still.
     noise = with_settings(NoiseSettings(), sticking={"still": 3e-5, "kernel": 3.0})
     g0 = touching(ONE_TIP, 0.02)
-    at = values_at(ONE_TIP, [[g0, g0 - [*(3e-5 * np.array(slid)), 0.0]]], shared={GRIP: 0.4})
+    at = values_at(ONE_TIP, [[g0, g0 - [*(3e-5 * np.array(slid)), 0.0]]], shared={GRIP: np.log(0.4)})
     rows = rows_of("sticking", at, noise=noise)
     np.testing.assert_allclose(rows.residual[0, 0], 3e-5 * np.array(slid), atol=1e-9)
     np.testing.assert_allclose(rows.information[0, 0], 3e-5**-2)
@@ -99,7 +99,7 @@ def test_the_kernels_of_pushing():
     rng = np.random.default_rng(1)
     g = np.tile(touching(ONE_TIP, 0.02), (50, 2, 1)) + rng.normal(0.0, 1e-4, (50, 2, 3))
     e = g + rng.normal(0.0, 1e-3, (50, 2, 3))
-    at = values_at(ONE_TIP, g, e, {GRIP: 0.4})
+    at = values_at(ONE_TIP, g, e, {GRIP: np.log(0.4)})
     kernels = with_settings(SLIDE, sticking={"kernel": 3.0}, balance={"kernel": 2.0}, friction_cone={"kernel": 4.0})
     for name, scale in (("sticking", 3.0), ("balance", 2.0), ("friction_cone", 4.0)):
         rows, free = (rows_of(name, at, moved=1e-3, noise=noise) for noise in (kernels, SLIDE))

@@ -143,7 +143,7 @@ def friction(rng: np.random.Generator) -> dict:
     return {
         FRICTION_RATIO: rng.normal(0.0, 0.3, STATES),
         FRICTION_CENTER: rng.normal(0.0, 0.3, (2, STATES)),
-        GRIP: rng.uniform(0.0, 0.6, STATES),
+        GRIP: rng.uniform(-3.0, -0.5, STATES),
     }
 
 

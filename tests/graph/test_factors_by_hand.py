@@ -248,14 +248,14 @@ def test_the_friction_cone_by_hand(side):
         ((-1e-3, side * 1e-5), 5.1e-4),  # away from the sensor, which cannot pull
     ):
         before = np.array([-v[0], -v[1], 0.0])
-        residual, jacobian = pushing("friction_cone", before, g, model, {GRIP: 0.5}, GRIP)
+        residual, jacobian = pushing("friction_cone", before, g, model, {GRIP: math.log(0.5)}, GRIP)
         assert residual == pytest.approx(wanted, abs=1e-9)
-        # More grip, more room: by what goes into the object.
-        assert jacobian[14] == pytest.approx(-v[0], abs=1e-9)
+        # More grip, more room: by what goes into the object; the variable is a logarithm.
+        assert jacobian[14] == pytest.approx(-0.5 * v[0], abs=1e-9)
     # It is the centre of friction whose motion counts. Turning by 0.01 rad about the origin carries a centre at (0.02,
     # 0) by (1 - cos, sin) 0.02 = (1e-6, 2e-4).
     before = np.array([0.0, 0.0, -0.01 * side])
-    aside = {FRICTION_CENTER: (0.4, 0.0), GRIP: 0.5}  # in c, which is 0.05
+    aside = {FRICTION_CENTER: (0.4, 0.0), GRIP: math.log(0.5)}  # in c, which is 0.05
     residual, _ = pushing("friction_cone", before, g, model, aside, GRIP)
     assert residual == pytest.approx(0.02 * math.sin(0.01) - 0.5 * 0.02 * (1 - math.cos(0.01)), abs=1e-9)
 

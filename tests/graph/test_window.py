@@ -10,6 +10,7 @@ from palpate import ContactDirection, EstimationError, ObjectPose, Turn
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.factors import DIRECTION, Step, make_factors
+from palpate.graph.variables import DIRECTION_BIAS, DIRECTION_SCALE, IN_SHARED
 from palpate.graph.window import Window
 
 ENDLESS = 10**6
@@ -24,7 +25,13 @@ def apart_from(given, belief: Belief, offsets) -> Belief:
 def states(window: Window, row: int):
     """All that a row says."""
     belief = window.belief().take([row])
-    return window.object_path()[row], belief.values, belief.covariance, window.costs()[row], window.rows["recent"][row]
+    return (
+        window.object_path()[row],
+        belief.values,
+        belief.covariance,
+        window.costs()[row],
+        window.rows["surprise"][row],
+    )
 
 
 def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tolerance: float = 0.0) -> None:
@@ -144,18 +151,24 @@ def test_a_belief_that_is_no_gaussian_has_no_solution():
     assert window.rows["is_lost"].tolist() == [False, True]
 
 
-def test_costs_and_mean_squares_by_hand():
+def test_costs_and_surprise_by_hand():
     """One measurement: half the square of the direction's error, and of the sensor's and contact's, which are small."""
     given = contact(4, ROBUST)
     window = Window(make_factors(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
     for step in range(1, 5):
-        assert (window.rows["recent"] == 0.0).all()
+        assert (window.rows["surprise"] == 0.0).all()
         said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)] if step == 4 else []
         window.add(Step(given.sensor[step], said))
-    (measured, _pushing, is_ignored), square = window.costs()[0, -1], window.rows["recent"][0, 0, DIRECTION]
-    assert is_ignored == 0.0 and (window.rows["recent"][0, 1] == 0.0).all()
-    assert window.rows["recent"][0, 0, -1] == pytest.approx(window.costs()[0, :, 0].sum())
-    scale = ROBUST.direction.kernel
-    assert scale is not None
-    cost = 0.5 * scale**2 * np.log1p(square / scale**2)
+    (measured, _pushing, is_ignored), last = window.costs()[0, -1], window.last(0)
+    assert is_ignored == 0.0
+    innovation, predicted, stated = window.rows["innovations"][0, DIRECTION, 0]
+    surprise = innovation**2 / (predicted + stated)
+    assert stated == 1e-4 and last["surprise"][DIRECTION] == pytest.approx(surprise)
+    assert window.rows["surprise"][0, DIRECTION] == pytest.approx(surprise / 5)  # of five steps
+    seen = np.angle(-last["touch"]["normal"] * np.exp(-1j * last["g"][2]))
+    bias, scale = (window.rows["shared"][0, IN_SHARED[each].start] for each in (DIRECTION_BIAS, DIRECTION_SCALE))
+    noise = ROBUST.direction
+    assert noise.kernel is not None
+    square = (seen + scale * np.sin(seen) + bias - 0.3) ** 2 / (noise.share * max(1e-4, noise.floor**2))
+    cost = 0.5 * noise.kernel**2 * np.log1p(square / noise.kernel**2)
     assert measured == pytest.approx(cost, rel=0.3) and measured > cost

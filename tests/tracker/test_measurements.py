@@ -213,7 +213,7 @@ class Firm(OwnMeasurement):
     on = ("grip",)
 
     def linearise(self, *values: Array) -> tuple[Array, Array]:
-        return (values[0] - 0.5) / 0.01, np.array([[100.0]])
+        return (values[0] - math.log(0.5)) / 0.01, np.array([[100.0]])
 
 
 class Failing(OwnPose):

@@ -200,7 +200,7 @@ def test_a_system_that_stays_indeterminate_names_frame_and_reason_and_costs_one_
     ):
         tracker.update(seen[25])
     found = [tracker.update(frame) for frame in seen[26:]]
-    assert set(statuses(found)[1:]) == {"tracking"}
+    assert set(statuses(found)[1:]) <= {"tracking", "uncertain"}
     assert translation_errors(poses(found), o[26:]).max() < 3e-3
 
 

@@ -106,7 +106,7 @@ class HypothesisBank:
             covariance = covariance + self._monitor.covariance_of_motion(hidden_motion)
         is_open = bool((rows.sign != rows.sign[0]).any())
         every = zip(belief.pose.copy(), covariances.copy(), rows.weight.tolist(), strict=True)
-        friction, spread = float(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
+        friction, spread = math.exp(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
         point = normal = None
         if window is not None:
             last, (x, y, theta) = window.last(0), belief.pose[0].tolist()
@@ -121,7 +121,7 @@ class HypothesisBank:
             status=status,
             reason=reason or REASONS[status] or (_MIRRORED if self.is_mirrored else _OPEN if is_open else ""),
             answers=tuple(Answer(*each) for each in every if each[2]),
-            friction=(friction, spread),
+            friction=(friction, friction * spread),
             contact_point=point,
             contact_normal=normal,
             innovations=None if window is None else window.rows["innovations"][0].copy(),
@@ -213,7 +213,7 @@ class HypothesisBank:
             self._rows.sign = np.repeat([1.0, -1.0], count)
             self._rows.age = np.zeros_like(self._rows.age)
         rows = self._rows
-        self._monitor.test_first_contact(rows, step)
+        self._monitor.test_first_contact(rows, step.sensor_pose)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
         doubt = self._monitor.displacement_covariance(rows) + self._monitor.contradiction_covariance(rows)
         if self._most == 1:

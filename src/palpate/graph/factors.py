@@ -51,8 +51,8 @@ contact that of the first pose; the others are of measurements that arrive."""
 STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, PLACE, TURN, CORNER, OBJECT_POSE, OWN = (
     range(len(NAMES))
 )
-SHORT, LONG = 5, 30
-"""Steps over which errors are judged."""
+SHORT = 5
+"""Steps over which innovations are judged."""
 MOST_ROWS = 3 + OBJECT_SIZE
 """Largest number of residual rows of a factor."""
 
@@ -80,7 +80,7 @@ TERM_SIZE = TERM.itemsize // 8
 STEP = _record(
     {"g": "3f8", "e": "3f8", "object": "3f8", "measured": "3f8", "moved": "f8"}
     | {"turn_g": "c16", "turn_e": "c16", "touch": CONTACT_GEOMETRY, "force_angle": "f8"}
-    | {"slide": "f8", "spread": "f8", "cost": "3f8", "squares": f"{len(NAMES)}f8", "counts": f"{len(NAMES)}f8"}
+    | {"slide": "f8", "spread": "f8", "cost": "3f8", "cost_of_belief": "f8", "surprise": f"{len(NAMES)}f8"}
     | {"root": f"({STEP_SIZE},{WIDTH})f8", "y": f"{STEP_SIZE}f8"}
 )
 """One step of a row of the window.
@@ -93,7 +93,8 @@ STEP = _record(
   counter-clockwise along the outline. The latter is 0 in a step without disturbance.
 - cost: cost of measurements and of pushing, and 1 if the latter does not count, as for all disturbed steps until one
   hypothesis is left.
-- squares, counts: squared errors of each factor, without kernels [variances], and its number.
+- cost_of_belief: that of the first pose, which is no evidence.
+- surprise: square of the innovations of each factor when this step was the last one [variances]; see `ROW`.
 - root, y: what is left of the step once it is eliminated; see `gauss_newton.eliminate`.
 """
 PAST = _record(
@@ -107,7 +108,7 @@ ROW = _record(
     | {"first_pose": "3f8", "first_values": f"{OBJECT_SIZE}f8", "first_root": f"({MOST_ROWS},{MOST_ROWS})f8"}
     | {"past": PAST, "next_past": PAST}
     | {"covariance": f"({MOST_ROWS},{MOST_ROWS})f8", "change": "f8"}
-    | {"recent": f"(2,{len(NAMES) + 1})f8"}
+    | {"surprise": f"{len(NAMES)}f8"}
     | {"innovations": f"({len(NAMES)},6,3)f8", "moved": f"{LAST_SIZE}f8"}
     | {"last_root": f"({LAST_SIZE},{WIDTH})f8", "last_y": f"{LAST_SIZE}f8", "is_lost": "?"}
 )
@@ -118,8 +119,7 @@ ROW = _record(
 - first_...: belief about the object at the beginning: pose, variables, and whitening matrix of their joint covariance.
 - past, next_past: what older steps say, and what they will say once the oldest step has left.
 - covariance: joint covariance of the object's last pose and its variables.
-- recent: mean square error of each factor in the last SHORT and the last LONG steps, without kernels [variances], and
-  the cost of their measurements; 0 until there are so many steps.
+- surprise: mean of those of the last SHORT steps for each factor; 0 until there are so many.
 - innovations: of the rows of each factor that arrived with the last step, see `Estimate.innovations`.
 - moved: change of the last step and the shared variables in the last Gauss-Newton step.
 - change: largest change of a pose in it [m, rad].

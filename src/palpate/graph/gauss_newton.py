@@ -15,7 +15,7 @@ from palpate.arrays import Array, Flags, Integers, Records
 from palpate.compiled import compiled, kernel
 from palpate.graph import factors, measured, pushing
 from palpate.graph.contact_geometry import Surface, put_touch
-from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, LONG, OWN, SENSOR_POSE, SHORT, STICKING
+from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, OWN, SENSOR_POSE, SHORT, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
@@ -95,8 +95,8 @@ def improve(
         if not row.is_lost:
             _put_touch(its[len(its) - 1], surface)
             _conclude(its, row, settings[0], work[0])
-            _put_recent(its, left, row)
             _put_innovations(its, left, row, terms, of_row, given)
+            _put_surprise(its, left, row)
 
 
 @kernel
@@ -115,7 +115,7 @@ def _eliminate_steps(steps: Records, left: int, row: Records, terms: Records, ow
     _begin_with_past(steps[0], row, work)
     for k in range(len(steps)):
         now, before = steps[k], steps[max(k - 1, 0)]
-        now.cost[:2], now.squares[:], now.counts[:] = 0.0, 0.0, 0.0
+        now.cost[:2], now.cost_of_belief = 0.0, 0.0
         now.force_angle = pushing.force_angle(steps, k, row, settings)
         if k > 0:
             step_into_past(system, gradient)
@@ -195,7 +195,6 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
     weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The costs of
     several rows under one kernel add up to this.
     """
-    now.counts[kind] += 1.0
     for r in range(count):
         row, weight, residual = out.jacobian[r], out.weight[r], out.residual[r]
         for i in range(WIDTH):
@@ -206,8 +205,9 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
                     system[i, j] += pull * row[j]
         row[:] = 0.0
         square = out.information[r] * residual**2
-        now.squares[kind] += square
-        if kind == FIRST_POSE or not out.information[r] > 0.0:  # a belief from before is no evidence
+        if kind == FIRST_POSE:
+            now.cost_of_belief += 0.5 * square
+        if kind == FIRST_POSE or not out.information[r] > 0.0:
             continue
         left = weight / out.information[r]
         if left < _FULL_WEIGHT:
@@ -261,25 +261,6 @@ def _conclude(steps: Records, row: Records, settings: Records, work: Records) ->
 
 
 @kernel
-def _put_recent(steps: Records, left: int, row: Records) -> None:
-    """Write the mean squares and costs of the last steps; see `factors.ROW`."""
-    for span in range(2):
-        recent, first = row.recent[span], len(steps) - (SHORT if span == 0 else LONG)
-        recent[:] = 0.0
-        if left + first < 0:
-            continue
-        first = max(first, 0)
-        for k in range(first, len(steps)):
-            recent[OWN + 1] += steps[k].cost[0]
-        for kind in range(OWN + 1):
-            number = 0.0
-            for k in range(first, len(steps)):
-                recent[kind] += steps[k].squares[kind]
-                number += steps[k].counts[kind]
-            recent[kind] /= max(number, 1.0)
-
-
-@kernel
 def _put_innovations(its: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> None:
     """Write the innovations of the last step's sensor pose, contact and own measurements, and of terms that arrived."""
     last, settings, corners, out = len(its) - 1, given[0][0], given[2].corners, given[3][0].linear
@@ -320,6 +301,20 @@ def _put_innovation(kind: int, k: int, count: int, stated: float, steps: Records
         if share > _PREDICTED:
             innovation[0], innovation[1] = out.residual[r] / share, variance / share
             innovation[2] = stated if stated > 0.0 else 1.0 / out.information[r]
+
+
+@kernel
+def _put_surprise(steps: Records, left: int, row: Records) -> None:
+    """Write the squared innovations of the last step, and their means over the last steps; see `factors.ROW`."""
+    last, first = steps[len(steps) - 1], len(steps) - SHORT
+    for kind in range(OWN + 1):
+        last.surprise[kind] = row.surprise[kind] = 0.0
+        for innovation in row.innovations[kind]:
+            if innovation[2] > 0.0:
+                last.surprise[kind] += innovation[0] ** 2 / (innovation[1] + innovation[2])
+        if left + first >= 0:
+            for k in range(max(first, 0), len(steps)):
+                row.surprise[kind] += steps[k].surprise[kind] / SHORT
 
 
 @kernel

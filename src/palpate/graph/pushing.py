@@ -131,7 +131,7 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, out
         out.information[1] = out.weight[1] = 1.0 / _ACROSS**2
         return 2
     deviation = math.hypot(noise.still, noise.share * moved)
-    slides = _beyond(now.force_angle, math.atan(row.shared[_GRIP - _SHARED]) - noise.margin, noise.width)
+    slides = _beyond(now.force_angle, math.atan(math.exp(row.shared[_GRIP - _SHARED])) - noise.margin, noise.width)
     deviation *= (math.hypot(noise.still, noise.sliding_share * moved) / deviation) ** slides
     inverse_variance = 1.0 / deviation**2
     left = cauchy(inverse_variance * (error.real**2 + error.imag**2), noise.kernel)
@@ -181,23 +181,23 @@ def friction_cone(before: Records, now: Records, row: Records, settings: Records
     """While the contact slides, the pushing force stays at the cone's edge (Coulomb; Lynch 1992).
 
     The residual [m] is the distance of the motion v outside the cone, on its side (+1 counter-clockwise of the
-    outline's inward normal, -1 clockwise): the part of v along the outline minus grip times its part into the object.
-    The term counts only while the force is beyond the edge, and not in a step with a disturbance.
+    outline's inward normal, -1 clockwise): the part of v along the outline minus the coefficient of friction times that
+    into the object. The term counts only while the force is beyond the edge, and not in a step with a disturbance.
     """
     if math.isinf(settings.friction_cone.share):
         return 0
     noise, c, jacobian, touch = settings.friction_cone, settings.friction_radius, out.jacobian[0], now.touch
-    force, grip = now.force_angle, row.shared[_GRIP - _SHARED]
+    force, friction = now.force_angle, math.exp(row.shared[_GRIP - _SHARED])
     side = 1.0 if force > 0.0 else -1.0 if force < 0.0 else 0.0
     motion = _motion(before, now, _center(row, settings))
-    edge = side - 1j * grip
+    edge = side - 1j * friction
     lever = edge * -touch.normal.conjugate()
     _put_by_poses(lever, motion, jacobian)
     for k in range(3):
         jacobian[_G1 + k] += (edge * motion.way * -touch.normal_by_g[k].conjugate()).imag
     jacobian[_CENTER] = c * (lever * motion.by_center).imag
     jacobian[_CENTER + 1] = c * (lever * motion.by_center).real
-    jacobian[_GRIP] = (touch.normal.conjugate() * motion.way).real
-    outside = _beyond(force, math.atan(grip), noise.width) if now.spread == 0.0 else 0.0
+    jacobian[_GRIP] = friction * (touch.normal.conjugate() * motion.way).real
+    outside = _beyond(force, math.atan(friction), noise.width) if now.spread == 0.0 else 0.0
     deviation = math.hypot(noise.still, noise.share * now.moved)
     return put_row(out, (lever * motion.way).imag, outside / deviation**2, noise.kernel)

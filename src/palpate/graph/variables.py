@@ -56,7 +56,7 @@ FRICTION_RATIO = Variable("friction_ratio", "object", 1)
 FRICTION_CENTER = Variable("friction_center", "object", 2)
 """Centre of friction relative to the centroid, along x and y of the object, in units of c."""
 GRIP = Variable("grip", "object", 1)
-"""Coulomb friction coefficient between sensor and object."""
+"""Logarithm of the Coulomb friction coefficient between sensor and object."""
 
 VARIABLES = tuple(one for one in tuple(globals().values()) if isinstance(one, Variable))
 """All of these, in their order, which is that of the state vectors."""

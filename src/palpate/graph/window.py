@@ -20,7 +20,7 @@ from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import FIRST_POSE, ROW, STEP, TERM, TERM_SIZE, TURN, WORK, Step, terms_of
+from palpate.graph.factors import ROW, STEP, TERM, TERM_SIZE, TURN, WORK, Step, terms_of
 from palpate.graph.gauss_newton import begin_step, improve
 from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
@@ -132,7 +132,7 @@ class Window:
 
     def cost_of_belief(self) -> Array:
         """Return the cost (B,) of leaving the beliefs that the contact began with, while its first step is kept."""
-        return 0.5 * self._steps["squares"][:, 0, FIRST_POSE]
+        return self._steps["cost_of_belief"][:, 0].copy()
 
     def count_all_costs(self, rows: Flags) -> None:
         """Count the costs of pushing in all steps so far of some rows (B,)."""

@@ -1,0 +1,75 @@
+"""Count false alarms of the consistency test, and the shoves that it tells: docs/study/alarms.json.
+
+    python scripts/measure_alarms.py UNDISTURBED SHOVED
+
+Folders of simulated recordings, those of the second with `--knocks`. They are tracked with one hypothesis, so that no
+alarm changes the estimate. An alarm of a factor is new half a second after its last one. A shove counts if the contact
+lasts, and as told if there is an alarm within a second.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from _common import for_each, write
+
+import palpate
+from palpate.filter.consistency import ALARMS
+from palpate.graph.factors import NAMES, SHORT
+from palpate.lab.study.recordings import find_recordings
+from palpate.pipeline.metrics import flag_runs
+from palpate.pipeline.track import first_pose_of
+
+SECOND = 30
+"""Frames of it."""
+
+
+def main(undisturbed: Path, shoved: Path) -> None:
+    """Judge all recordings and write rates and counts."""
+    calm = for_each(alarms, find_recordings(undisturbed).values())
+    minutes = sum(int(contact.sum()) for contact, _, _ in calm) / (60.0 * SECOND)
+
+    def rate(columns: list[int]) -> float:
+        return round(sum(begun(np.asarray(told[:, columns].any(axis=1))) for _, told, _ in calm) / minutes, 2)
+
+    told = [
+        bool(alarm[shove : shove + SECOND].any())
+        for contact, alarm, shoves in for_each(alarms, find_recordings(shoved).values())
+        for shove in shoves
+        if contact[max(shove - SHORT, 0) : shove + SECOND // 2].all()
+    ]
+    judged = np.flatnonzero(np.isfinite(ALARMS)).tolist()
+    rates = {NAMES[kind]: {"limit": float(ALARMS[kind]), "per_minute": rate([kind])} for kind in judged}
+    found = {"minutes": round(minutes, 1), "factors": rates, "all_per_minute": rate(judged)}
+    write("alarms", found | {"shoves": len(told), "told": sum(told)})
+
+
+def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """Return flags of contact (N,), alarms (N, factors), and the frames at which a shove begins."""
+    recording, settings = palpate.load_recording(file), palpate.TrackerSettings(hypotheses=1)
+    first, sigma = first_pose_of(recording, settings.noise)
+    known = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
+    tracker = palpate.Tracker(recording.shape, recording.sensor, first, settings, **known)
+    found = [tracker.update(frame) for frame in recording]
+    contact, surprise = np.array([each.contact for each in found]), np.zeros((len(found), len(NAMES)))
+    for k, each in enumerate(found):
+        if each.innovations is not None:
+            error, predicted, stated = np.moveaxis(each.innovations, -1, 0)
+            surprise[k] = np.sum(error**2 / np.where(stated > 0.0, predicted + stated, np.inf), axis=1)
+    means = np.cumsum(np.vstack([np.zeros((SHORT, len(NAMES))), surprise]), axis=0)
+    means = (means[SHORT:] - means[:-SHORT]) / SHORT
+    lasts = np.convolve(contact, np.ones(SHORT))[: len(contact)] == SHORT
+    shoves = [first for first, _ in flag_runs(recording.extra.get("knocked", np.zeros(len(found))) > 0.0)]
+    return contact, (means > ALARMS) & lasts[:, None], shoves
+
+
+def begun(told: np.ndarray) -> int:
+    """Return the number of alarms (N,) that are half a second after the last one."""
+    count, last = 0, -SECOND
+    for frame in np.flatnonzero(told).tolist():
+        count, last = (count + 1, frame) if frame - last > SECOND // 2 else (count, last)
+    return count
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))
