@@ -162,12 +162,12 @@ def test_costs_and_surprise_by_hand():
     (measured, _pushing, is_ignored), last = window.costs()[0, -1], window.last(0)
     assert is_ignored == 0.0
     innovation, predicted, stated = window.rows["innovations"][0, DIRECTION, 0]
-    surprise = innovation**2 / (predicted + stated)
+    noise = ROBUST.direction
+    surprise = innovation**2 / (predicted + noise.share * max(1e-4, noise.floor**2))
     assert stated == 1e-4 and last["surprise"][DIRECTION] == pytest.approx(surprise)
     assert window.rows["surprise"][0, DIRECTION] == pytest.approx(surprise / 5)  # of five steps
     seen = np.angle(-last["touch"]["normal"] * np.exp(-1j * last["g"][2]))
     bias, scale = (window.rows["shared"][0, IN_SHARED[each].start] for each in (DIRECTION_BIAS, DIRECTION_SCALE))
-    noise = ROBUST.direction
     assert noise.kernel is not None
     square = (seen + scale * np.sin(seen) + bias - 0.3) ** 2 / (noise.share * max(1e-4, noise.floor**2))
     cost = 0.5 * noise.kernel**2 * np.log1p(square / noise.kernel**2)

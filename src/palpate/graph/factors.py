@@ -94,7 +94,8 @@ STEP = _record(
 - cost: cost of measurements and of pushing, and 1 if the latter does not count, as for all disturbed steps until one
   hypothesis is left.
 - cost_of_belief: that of the first pose, which is no evidence.
-- surprise: square of the innovations of each factor when this step was the last one [variances]; see `ROW`.
+- surprise: square of the innovations of each factor when this step was the last one, in units of the variance
+  predicted and that of the factor, which is no better than the contact model; see `ROW`.
 - root, y: what is left of the step once it is eliminated; see `gauss_newton.eliminate`.
 """
 PAST = _record(

@@ -251,11 +251,12 @@ def _conclude(steps: Records, row: Records, settings: Records, work: Records) ->
     for k in range(max(last - pushing.REACH, 0), last):
         steps[k].turn_g, steps[k].turn_e = rotation(steps[k].g[2]), rotation(steps[k].e[2])
     now.force_angle = pushing.force_angle(steps, last, row, settings)
-    row.innovations[:SENSOR_POSE] = 0.0
+    row.innovations[:SENSOR_POSE], now.surprise[:] = 0.0, 0.0
     if last > 0 and now.spread == 0.0:
         for kind in (STICKING, BALANCE):
             for r in range(of_step(kind, before, now, row, settings, out)):
                 row.innovations[kind, r, 0], row.innovations[kind, r, 2] = out.residual[r], 1.0 / out.information[r]
+                now.surprise[kind] += out.information[r] * out.residual[r] ** 2
                 out.jacobian[r] = 0.0
     _put_object_covariance(now.g, row, work)
 
@@ -289,6 +290,7 @@ def _put_innovation(kind: int, k: int, count: int, stated: float, steps: Records
     before the row was fused with variance R, and the variance a R / (R - a) of what was predicted. There is none where
     nothing else predicts the row. A `stated` variance of 0 is that of the settings.
     """
+    surprise = steps[len(steps) - 1].surprise
     for r in range(count):
         jacobian, variance = out.jacobian[r], 0.0
         for j in range(k, len(steps) - 1):
@@ -301,17 +303,15 @@ def _put_innovation(kind: int, k: int, count: int, stated: float, steps: Records
         if share > _PREDICTED:
             innovation[0], innovation[1] = out.residual[r] / share, variance / share
             innovation[2] = stated if stated > 0.0 else 1.0 / out.information[r]
+            surprise[kind] += innovation[0] ** 2 / (innovation[1] + 1.0 / out.information[r])
 
 
 @kernel
 def _put_surprise(steps: Records, left: int, row: Records) -> None:
-    """Write the squared innovations of the last step, and their means over the last steps; see `factors.ROW`."""
-    last, first = steps[len(steps) - 1], len(steps) - SHORT
+    """Write the mean squared innovations of the last steps; see `factors.ROW`."""
+    first = len(steps) - SHORT
     for kind in range(OWN + 1):
-        last.surprise[kind] = row.surprise[kind] = 0.0
-        for innovation in row.innovations[kind]:
-            if innovation[2] > 0.0:
-                last.surprise[kind] += innovation[0] ** 2 / (innovation[1] + innovation[2])
+        row.surprise[kind] = 0.0
         if left + first >= 0:
             for k in range(max(first, 0), len(steps)):
                 row.surprise[kind] += steps[k].surprise[kind] / SHORT
