@@ -3,8 +3,8 @@
     python scripts/measure_alarms.py UNDISTURBED SHOVED
 
 Folders of simulated recordings, those of the second with `--knocks`. They are tracked with one hypothesis, so that no
-alarm changes the estimate. An alarm of a factor is new half a second after its last one. A shove counts if the contact
-lasts, and as told if there is an alarm within a second.
+alarm changes the estimate. An alarm is new half a second after the last one. A shove in contact counts if half of the
+next second is contact, and as told if there is an alarm in it.
 """
 
 import sys
@@ -15,13 +15,12 @@ from _common import for_each, write
 
 import palpate
 from palpate.filter.consistency import ALARMS
-from palpate.graph.factors import NAMES, SHORT
+from palpate.graph.factors import DIRECTION, NAMES, PLACE, SHORT, TURN
 from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 
-SECOND = 30
-"""Frames of it."""
+SECOND = 30  # frames
 
 
 def main(undisturbed: Path, shoved: Path) -> None:
@@ -36,31 +35,32 @@ def main(undisturbed: Path, shoved: Path) -> None:
         bool(alarm[shove : shove + SECOND].any())
         for contact, alarm, shoves in for_each(alarms, find_recordings(shoved).values())
         for shove in shoves
-        if contact[max(shove - SHORT, 0) : shove + SECOND // 2].all()
+        if contact[shove] and contact[shove : shove + SECOND].sum() >= SECOND // 2
     ]
     judged = np.flatnonzero(np.isfinite(ALARMS)).tolist()
     rates = {NAMES[kind]: {"limit": float(ALARMS[kind]), "per_minute": rate([kind])} for kind in judged}
-    found = {"minutes": round(minutes, 1), "factors": rates, "all_per_minute": rate(judged)}
-    write("alarms", found | {"shoves": len(told), "told": sum(told)})
+    shoves = {"shoves": len(told), "told": sum(told)}
+    write("alarms", {"minutes": round(minutes, 1), "factors": rates, "all_per_minute": rate(judged)} | shoves)
 
 
 def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """Return flags of contact (N,), alarms (N, factors), and the frames at which a shove begins."""
     recording, settings = palpate.load_recording(file), palpate.TrackerSettings(hypotheses=1)
     first, sigma = first_pose_of(recording, settings.noise)
-    known = {"first_pose_sigma": sigma, "set_up_sigma": recording.set_up_sigma}
-    tracker = palpate.Tracker(recording.shape, recording.sensor, first, settings, **known)
+    tracker = palpate.Tracker(recording.shape, recording.sensor, first, settings, first_pose_sigma=sigma)
     found = [tracker.update(frame) for frame in recording]
     contact, surprise = np.array([each.contact for each in found]), np.zeros((len(found), len(NAMES)))
     for k, each in enumerate(found):
         if each.innovations is not None:
             error, predicted, stated = np.moveaxis(each.innovations, -1, 0)
+            for kind in (DIRECTION, PLACE, TURN):  # a measurement is no better than the contact model
+                noise = getattr(settings.noise, NAMES[kind])
+                stated[kind, 0] = noise.share * max(stated[kind, 0], noise.floor**2) if stated[kind, 0] else 0.0
             surprise[k] = np.sum(error**2 / np.where(stated > 0.0, predicted + stated, np.inf), axis=1)
     means = np.cumsum(np.vstack([np.zeros((SHORT, len(NAMES))), surprise]), axis=0)
     means = (means[SHORT:] - means[:-SHORT]) / SHORT
-    lasts = np.convolve(contact, np.ones(SHORT))[: len(contact)] == SHORT
     shoves = [first for first, _ in flag_runs(recording.extra.get("knocked", np.zeros(len(found))) > 0.0)]
-    return contact, (means > ALARMS) & lasts[:, None], shoves
+    return contact, (means > ALARMS) & contact[:, None], shoves
 
 
 def begun(told: np.ndarray) -> int:

@@ -26,8 +26,8 @@ from palpate.types.measurements import ObjectPose
 ALARMS = np.full(len(NAMES), np.inf)
 ALARMS[[DIRECTION, PLACE, CONTACT, TURN, STICKING, BALANCE]] = 0.2, 0.2, 0.3, 0.3, 14.0, 6.0
 """Mean squares of the innovations of the last steps [variances] from which something else may have moved the object.
-Where nothing did, directions reach theirs five times in a minute of contact, contact three times, and the others once
-in one to two minutes (`docs/study/alarms.json`). Directions tell most of a shove."""
+Where nothing did, directions reach theirs twice in a minute of contact, contact once, and the others less
+(`docs/study/alarms.json`). Directions tell most of a shove."""
 _SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
 _STILL = 3e-4  # [m] noise of the sensor's own motion
 _HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
