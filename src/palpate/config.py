@@ -150,7 +150,7 @@ class Priors:
     friction_center: Normal = (0.0, 0.06)
     """Centre of friction from the centroid along x and along y, as a share of c."""
     grip: Normal = (-1.05, 0.4)
-    """Logarithm of the Coulomb friction coefficient between sensor and object: 0.35, times or by 1.5; steel has 0.14."""
+    """Logarithm of Coulomb friction between sensor and object: the coefficient is 0.35, times or by 1.5."""
     friction_changes: ClassVar[tuple[float, float]] = (0.44, 0.003)
     """Change of the last three between contacts and in each step, as shares of their standard deviation."""
 
