@@ -246,7 +246,7 @@ class TrackerSettings:
         object.__setattr__(self, "hypotheses", int(self.hypotheses))
 
 
-FORMAT, VERSION = "palpate-noise", 3
+FORMAT, VERSION = "palpate-noise", 4
 
 
 def noise_of(name_or_path: Path | str) -> NoiseSettings:

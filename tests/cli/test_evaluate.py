@@ -132,7 +132,7 @@ def test_a_study_is_continued_with_the_same_settings_and_files_only(evaluate, fa
     write("recordings/disc-2.mcap", pushed(30))
     next(iter(files)).write_bytes(b"cut")
     Path("noise.json").write_text(
-        '{"format": "palpate-noise", "version": 3, "noise": {"contact": {"deviation": 2e-3}}}'
+        '{"format": "palpate-noise", "version": 4, "noise": {"contact": {"deviation": 2e-3}}}'
     )
     out = evaluate("recordings", "--out", "out", *FAST, "--resume")[1]
     assert "trials 6 kept 3" in " ".join(out.split())

@@ -63,7 +63,7 @@ def test_json_is_the_summary_and_nothing_else(json_of):
 def test_options_reach_the_tracker(succeeds):
     pose = ("--first-pose", "0.001", "0", "-.5", "--first-pose-sigma", "0.02", "0.03", "0.2")
     Path("noise.json").write_text(
-        '{"format": "palpate-noise", "version": 3, "noise": {"contact": {"deviation": 2e-3}}}'
+        '{"format": "palpate-noise", "version": 4, "noise": {"contact": {"deviation": 2e-3}}}'
     )
     out = succeeds("track", "blind.mcap", "--noise", "noise.json", *pose, "--hypotheses", "1")
     settings = read("runs/blind/settings.json")

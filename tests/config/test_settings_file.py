@@ -53,8 +53,8 @@ def test_the_defaults_or_a_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": None}, "format and version are (None, 3), expected ('palpate-noise', 3)"),
-        ({"version": 2}, "('palpate-noise', 2), expected ('palpate-noise', 3); make the file anew with palpate tune"),
+        ({"format": None}, "format and version are (None, 4), expected ('palpate-noise', 4)"),
+        ({"version": 3}, "('palpate-noise', 3), expected ('palpate-noise', 4); make the file anew with palpate tune"),
         ({"noise": {"contcat": {}}}, "noise has no 'contcat'; known are sensor_pose, first_pose, contact, "),
         ({"noise": {"contact": {"deviaton": 1}}}, "noise contact has no 'deviaton'; known are deviation, kernel"),
         ({"noise": {"contact": 1e-3}}, "noise contact is 0.001, expected an object of settings"),
