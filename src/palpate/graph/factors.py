@@ -142,7 +142,7 @@ LINEAR = _record(
 WORK = _record(
     {"linear": LINEAR, "system": f"({WIDTH},{WIDTH})f8", "gradient": f"{WIDTH}f8", "change": f"{WIDTH}f8"}
     | {"next_system": f"({WIDTH},{WIDTH})f8", "next_gradient": f"{WIDTH}f8", "next_root": f"({STEP_SIZE},{WIDTH})f8"}
-    | {"next_y": f"{STEP_SIZE}f8", "by_last": f"({MOST_ROWS},{LAST_SIZE})f8"}
+    | {"next_y": f"{STEP_SIZE}f8"}
 )
 """Room for computing one row of a window; arrays made in compiled code are slow to compile."""
 

@@ -9,15 +9,13 @@ proportional to the number of steps. Only the upper triangles of matrices count.
 
 import math
 
-import numpy as np
-
 from palpate.arrays import Array, Flags, Integers, Records
 from palpate.compiled import compiled, kernel
 from palpate.graph import factors, measured, pushing
 from palpate.graph.contact_geometry import Surface, put_touch
 from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, OWN, SENSOR_POSE, SHORT, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
-from palpate.graph.variables import LAST_SIZE, OBJECT_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
+from palpate.graph.variables import LAST_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
 assert STEP_SIZE == 6, "eliminate_step writes out six rows"
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
@@ -320,15 +318,23 @@ def _put_surprise(steps: Records, left: int, row: Records) -> None:
 @kernel
 def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
     """Write the covariance of the object: o = e g^-1 moves by Ad_g (d_e - d_g)."""
-    by_last, by_e = work.by_last, work.linear.adjoint
-    adjoint(g, by_e)
-    for i in range(3):
-        for j in range(3):
-            by_last[i, j], by_last[i, 3 + j] = -by_e[i, j], by_e[i, j]
-    for i in range(OBJECT_SIZE):
-        by_last[3 + i, LAST_SIZE - OBJECT_SIZE + i] = 1.0
-    half = by_last @ np.linalg.inv(row.last_root[:, STEP_SIZE:])
-    np.dot(half, half.T, row.covariance)  # an assignment to an array of two axes would take long to compile
+    out, size = work.linear, len(row.covariance)
+    adjoint(g, out.adjoint)
+    for i in range(size):
+        by = out.jacobian[i]
+        if i < 3:
+            for j in range(3):
+                by[STEP_SIZE + j], by[STEP_SIZE + 3 + j] = -out.adjoint[i, j], out.adjoint[i, j]
+        else:
+            by[WIDTH - size + i] = 1.0
+        substitute_forward(STEP_SIZE, row.last_root, by)
+        for j in range(i + 1):
+            product = 0.0
+            for k in range(STEP_SIZE, WIDTH):
+                product += by[k] * out.jacobian[j, k]
+            row.covariance[i, j] = row.covariance[j, i] = product
+    for i in range(size):
+        out.jacobian[i] = 0.0
 
 
 @compiled
@@ -407,12 +413,13 @@ def substitute_back(first: int, root: Array, y: Array, change: Array) -> bool:
 
 @kernel
 def substitute_forward(first: int, root: Array, row: Array) -> float:
-    """Eliminate numbers from `first` on from a row (WIDTH,) by their root; return the variance that they give it."""
+    """Multiply a row (WIDTH,) by the inverse of a root of numbers from `first` on; return the variance they give it."""
     variance = 0.0
     for p in range(len(root)):
         share = row[first + p] / root[p, first + p]
         variance += share**2
-        for j in range(first + p, WIDTH):
+        row[first + p] = share
+        for j in range(first + p + 1, WIDTH):
             row[j] -= share * root[p, j]
     return variance
 
