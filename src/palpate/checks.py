@@ -40,7 +40,7 @@ def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int
 def as_array(name: str, value: Any) -> NDArray[Any]:
     """Return a value that NumPy or PyTorch can read as an array. Raises FileError."""
     try:
-        return np.asarray(without_gradient(value))
+        return np.asarray(value.filled(np.nan) if np.ma.is_masked(value) else without_gradient(value))
     except (ValueError, MemoryError) as error:  # one long text among numbers asks for terabytes
         raise FileError(f"{name}: rows have different lengths, expected those of an array") from error
     except (TypeError, RuntimeError) as error:  # tensors in a list, or of another library

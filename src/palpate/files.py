@@ -8,7 +8,7 @@ import os
 import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,11 +74,16 @@ def in_file(path: Path | str) -> Iterator[None]:
         raise FileError(f"{path}: {' '.join(words)}") from error
 
 
-def _unpacked(path: Path, most: int) -> bytes:
-    """Return the first bytes of a file, plain or gzipped."""
-    with path.open("rb") as file:
-        is_gzipped = file.read(2) == b"\x1f\x8b"
-    with gzip.open(path) if is_gzipped else path.open("rb") as file:
+def begins_with(path: Path, first: bytes) -> bool:
+    """Return true if there is a file that begins with these bytes."""
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(first)) == first
+    return False
+
+
+def unpacked(path: Path, most: int = -1) -> bytes:
+    """Return the first bytes of a file, plain or gzipped; all by default."""
+    with gzip.open(path) if begins_with(path, b"\x1f\x8b") else path.open("rb") as file:
         return file.read(most)
 
 
@@ -86,7 +91,7 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
     """Return the text of a UTF-8 or UTF-16 file, plain or gzipped. Raises FileError, also above `most` bytes."""
     path = existing_file(path)
     try:
-        data = _unpacked(path, most + 1)
+        data = unpacked(path, most + 1)
         text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")  # without the mark
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise FileError(f"{path}: is truncated or damaged ({error})") from error
@@ -96,15 +101,22 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
         raise FileError(f"{path}: is not a text file in UTF-8 or UTF-16") from error
     if len(data) > most:
         raise FileError(f"{path}: is a text of more than {most / 1e6:g} MB")
+    if "\0" in text:
+        raise FileError(f"{path}: is not a text file in UTF-8, nor in UTF-16 with a byte order mark")
     return text
 
 
 def text_start(path: Path) -> str:
     """Return the first 4096 bytes of a text file, gzipped or plain; "" if it cannot be read."""
     try:
-        return _unpacked(path, 4096).decode("utf-8-sig", errors="replace")
+        return unpacked(path, 4096).decode("utf-8-sig", errors="replace")
     except (OSError, EOFError, zlib.error):
         return ""
+
+
+def counting_order(path: Path | str) -> list[int | str]:
+    """Return a key that sorts names as people count: frame_2 before frame_10."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
 
 
 def numbers_of(words: Iterable[str]) -> list[float] | None:

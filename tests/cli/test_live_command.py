@@ -275,8 +275,9 @@ def test_a_folder_of_images_or_a_video_stands_in_for_a_camera(kind, run_palpate,
     if kind == "folder":
         Path("film").mkdir()
         for index in range(20):
-            cv2.imwrite(f"film/{index:03d}.png", gel + np.uint8(index))
-        Path("film/007.png").write_bytes(b"torn")
+            cv2.imwrite(f"film/frame_{index}.png", gel + np.uint8(2 * index))
+        Path("film/frame_7.png").write_bytes(b"torn")
+        Path("film/._frame_1.png").write_bytes(b"of another file system")
     else:
         video = cv2.VideoWriter("film.avi", cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (240, 320))
         for _ in range(20):
@@ -290,8 +291,10 @@ def test_a_folder_of_images_or_a_video_stands_in_for_a_camera(kind, run_palpate,
     found = json.loads(out)
     assert code == 0 and found["images"] == 20 and found["tracked"] > 10
     assert found["left_out"] == (kind == "folder") and ("a frame is left out: " in err) == (kind == "folder")
-    image = palpate.load_recording("live.mcap")[0].image
-    assert image is not None and np.abs(image[0, 0].astype(int) - (60, 30, 10)).max() < 6
+    images = [frame.image for frame in palpate.load_recording("live.mcap").until(5)]
+    assert images[0] is not None and np.abs(images[0][0, 0].astype(int) - (60, 30, 10)).max() < 6
+    if kind == "folder":  # in the order in which people count
+        assert np.all(np.diff([image[0, 0, 0] for image in images if image is not None]) < 5)
     Path("empty").mkdir()
     for name in ("empty", "push.mcap"):
         assert "is no video that OpenCV reads, nor a folder" in fails(*words[:4], name, *words[5:])

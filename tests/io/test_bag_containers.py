@@ -168,10 +168,36 @@ def test_what_a_database_has_beside_it_is_named(tmp_path, suffix, first):
             read_bag(path, Disc(0.05))
 
 
+def test_a_database_under_another_name(tmp_path):
+    folder = write_bag(tmp_path / "bag", "ros2", push_messages())
+    (database,) = folder.glob("*.db3")
+    link = tmp_path / "link.db3"
+    link.symlink_to(database)
+    (tmp_path / "link.db3-wal").write_bytes(b"1")  # is beside the link, not the database
+    assert len(read_bag(link, Disc(0.05)).recording) == 24
+    database.with_name("bag.db3-wal").write_bytes(b"1")
+    with pytest.raises(FileError, match="db3-wal beside it holds"):
+        read_bag(link, Disc(0.05))
+    other = (tmp_path / "push.sqlite3").resolve()
+    other.write_bytes(database.read_bytes())
+    with pytest.raises(FileError, match=r"suffix '\.sqlite3', allowed is \.db3"):
+        read_bag(other, Disc(0.05))
+
+
+def test_folders_that_are_no_bags(tmp_path):
+    (tmp_path / "frame_1.png").write_bytes(b"png")
+    with pytest.raises(FileError, match=r"is a folder without .*One of images: see palpate convert"):
+        load_recording(tmp_path)
+    (tmp_path / "a.mcap").write_bytes(b"mcap")
+    with pytest.raises(FileError, match=r"or give recordings themselves, as .*a\.mcap"):
+        load_recording(tmp_path)
+
+
 def test_files_that_metadata_do_not_list_are_named(tmp_path):
     folder = write_bag(tmp_path / "bag", "ros2", push_messages())
     (database,) = folder.glob("*.db3")
     (folder / "bag.db3-shm").write_bytes(b"")
+    (folder / "._bag.db3").write_bytes(b"of another file system")
     assert len(read_bag(folder, Disc(0.05)).recording) == 24
     (folder / "bag_1.db3").write_bytes(database.read_bytes())
     with pytest.raises(FileError, match=r"bag_1\.db3 is not in its metadata.yaml, .*`ros2 bag reindex`"):
@@ -179,7 +205,7 @@ def test_files_that_metadata_do_not_list_are_named(tmp_path):
     (folder / "bag_1.db3").unlink()
     database.unlink()
     (folder / "bag.db3-shm").unlink()
-    with pytest.raises(FileError, match=r"holds metadata.yaml and no .db3 or .mcap; were they moved\?"):
+    with pytest.raises(FileError, match=r"is a folder without .db3 or .mcap; were they moved\?"):
         read_bag(folder, Disc(0.05))
 
 

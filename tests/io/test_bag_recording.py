@@ -249,8 +249,10 @@ def test_images_without_a_pose_are_left_out_and_counted(tmp_path, caplog):
     assert recording.time.tolist() == (image_times(6)[3:] / 1e9).tolist()
     assert "3 of 6 images have no sensor pose at their time and are left out" in caplog.text
     far = [pose_message(START - 500_000_000 + time, [0, 0, 0]) for time in (0, 10)]
-    with pytest.raises(FileError, match=r"no sensor pose is known at the time of any image, 1700000000\.020 to"):
+    with pytest.raises(FileError, match=r"known at the time of 0 of 6 images, 1700000000\.020 to"):
         read(tmp_path / "far", few_images() + far)
+    with pytest.raises(FileError, match="known at the time of 1 of 6 images"):
+        read(tmp_path / "one", few_images() + poses()[1:2])
 
 
 def test_time_offset_is_added_to_images(tmp_path):

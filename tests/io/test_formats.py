@@ -38,13 +38,13 @@ def test_odd_files_are_in_no_format(tmp_path, name):
     path = tmp_path / "odd.json"
     path.write_bytes(ODD[name])
     assert formats.detect_format(path) is None
-    with pytest.raises(FileError, match="is in no known format; known are palpate: "):
+    with pytest.raises(FileError, match="is in no known format; known are palpate's, ROS bags"):
         formats.load_recording(path)
 
 
 def test_detection_does_not_raise_on_what_is_no_file(tmp_path):
     for each in formats.FORMATS.values():
-        assert not each.detect(tmp_path) and not each.detect(tmp_path / "none")
+        assert not each[0](tmp_path) and not each[0](tmp_path / "none")
     for path, message in ((tmp_path, "is a folder"), (tmp_path / "none", "no such file")):
         with pytest.raises(FileError, match=message):
             formats.load_recording(path)

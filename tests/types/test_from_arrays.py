@@ -101,6 +101,15 @@ def test_tensors_with_a_gradient_are_arrays():
         tracker.update(Frame(0.1, [Tensor(0.0)] * 3, contact=False))  # type: ignore[arg-type]
 
 
+def test_what_is_masked_is_unknown():
+    lost = np.arange(50) % 25 == 5
+    masked = np.ma.masked_array(true_pose(POSE_TIME), np.tile(lost[:, None], 3))
+    masked.data[lost] = 9.0
+    assert len(made(poses=masked)) == 18  # the 5th is at 0.1 s, between two images
+    with pytest.raises(FrameError, match="sensor pose"):
+        Tracker(Disc(0.05), POINT, None).update(Frame(0.0, np.ma.masked_array([0.1, 0.0, 0.0], True), contact=False))
+
+
 @pytest.mark.parametrize("scale", [1e9, 1])
 def test_times_in_nanoseconds_are_integers(scale):
     start = 1_700_000_000_000_000_000 if scale == 1e9 else 1.7e9
@@ -145,7 +154,8 @@ def test_images_come_in_any_form(tmp_path, caplog):
     for file, each in zip(files, data, strict=True):
         file.write_bytes(each)
     messages = [np.frombuffer(each, np.uint8) for each in data]
-    for images in (pixels, list(pixels), data, messages, files, list(map(str, files))):
+    columns = [each[:, None] for each in messages]  # as some OpenCV encodes
+    for images in (pixels, list(pixels), data, messages, columns, files, list(map(str, files))):
         found = [frame.image for frame in made(images=images, codec="png")]
         assert np.array_equal(found, pixels)
     even = np.full_like(pixels, 90) + np.arange(20, dtype=np.uint8)[:, None, None, None]
@@ -157,6 +167,12 @@ def test_images_come_in_any_form(tmp_path, caplog):
     files[3].write_bytes(b"")
     assert [not each for each in made(images=files).image] == [index == 3 for index in range(20)]
     assert "1 of 20 images are left out: image 3: " in caplog.text
+    data[7] = b""
+    assert [not each for each in made(images=data).image] == [index == 7 for index in range(20)]
+    made(images=sorted(files, key=lambda file: int(file.stem)))
+    assert "texts" not in caplog.text
+    made(images=sorted(files))
+    assert "images: the paths are sorted as texts, in which 10 comes before 2" in caplog.text
     big = np.repeat(np.repeat(pixels, 3, axis=1), 3, axis=2)
     turned = np.rot90(big, -1, (1, 2))
     for images, orientation in ((big, ""), (turned, "90")):
@@ -213,7 +229,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
     [
         ({"image_time": IMAGE_TIME * 1e9}, "image_time: .*floats, which are seconds.*are these nanoseconds"),
         ({"pose_time": (POSE_TIME * 1e6).astype(int)}, "pose_time: .*integers, which are nano.*are these microseconds"),
-        ({"pose_time": POSE_TIME + 1e6}, "no sensor pose is known at the time of any image.* are both by one clock"),
+        ({"pose_time": POSE_TIME + 1e6}, "sensor pose is known at the time of 0 of 20 images.* are both by one clock"),
         ({"image_time": (np.arange(20) / 15 * 1e6).astype(int)}, "image_time: .*are these microseconds"),
         ({"pose_time": np.float32(1e6 + POSE_TIME)}, "pose_time: .* as float32 has them, exact to 0.0625 s"),
         ({"pose_time": np.float32(1e6 + POSE_TIME).astype(float)}, "pose_time: .* as float32 has them"),

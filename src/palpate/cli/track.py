@@ -59,7 +59,7 @@ def track(
         name = (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
         folder = out if out and len(files) == 1 else (out or Path("runs")) / name
         try:
-            with new_run(folder, force) as part:
+            with new_run(folder, force and folder not in runs) as part:
                 with kept_warnings() as said:
                     recording, plane = bag.read(file)
                 if mcap:

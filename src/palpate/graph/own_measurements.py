@@ -43,13 +43,15 @@ class OwnMeasurements:
     """Time of the last frame [s]."""
     is_right: dict[type, bool] = field(default_factory=dict)
     """Classes so far, and True if their Jacobian is the derivative of their residual."""
+    warned: set[type] = field(default_factory=set)
+    """Classes of which a warning has told."""
 
     def evaluated(self, first: int, g: Array, e: Array, shared: Array, at_rest: bool = False) -> Array:
         """Return the residuals and Jacobians (B, M, 6, 1 + LAST_SIZE) at poses (B, N, 3), those of the `first` step on.
 
         Columns are the residual and its derivatives by g, e and the shared variables. A measurement that returns
-        something unusable, or is of variables that there are not while nothing touches the object, is named in a
-        warning and left out from then on.
+        something unusable, or is of variables that there are not while nothing touches the object, is left out from
+        then on; a warning tells of the first of a class.
         """
         known = (OBJECT_POSE, *OF_OBJECT) if at_rest else (OBJECT_POSE, *VARIABLES)
         rows, usable = [], []
@@ -68,7 +70,9 @@ class OwnMeasurements:
                 usable.append((step, measurement))
             except EstimationError as error:
                 which = "it is" if self.is_right.get(kind, True) else "all of them are"
-                logger.warning("frame at %.3f s: %s; %s left out", self.time, error, which)
+                if kind not in self.warned:
+                    logger.warning("frame at %.3f s: %s; %s left out, further ones silently", self.time, error, which)
+                self.warned.add(kind)
         self.given = usable
         return np.stack(rows, axis=1) if rows else np.empty((len(g), 0, _ROWS, 1 + LAST_SIZE))
 

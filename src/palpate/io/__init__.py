@@ -5,7 +5,6 @@ Each module documents the frames and units of its files.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from palpate.errors import FileError
 from palpate.files import in_file
@@ -15,38 +14,27 @@ from palpate.io.recording_mcap import is_recording, read_recording
 from palpate.io.rosbag_reader import existing_bag, is_bag
 from palpate.types.recording import Recording
 
-
-class Format(NamedTuple):
-    """A format of recordings."""
-
-    description: str
-    detect: Callable[[Path], bool]
-    read: Callable[[Path], Recording] | None
-    """Reads a file; None where one alone is no recording."""
-
-
-FORMATS = {
-    "palpate": Format("palpate recording (.mcap)", is_recording, read_recording),
-    "mit-push": Format("point pushes of a square, MIT cpush (.json, .json.gz)", is_mit_push, read_mit_push),
-    "cmu-two-finger": Format("two-finger pushes, CMU PlanarManipulationToolBox (.txt)", is_cmu_log, read_cmu_log),
-    "bag": Format("bag of ROS messages: MCAP, ROS 2 (.db3 or its folder), ROS 1 (.bag)", is_bag, None),
+FORMATS: dict[str, tuple[Callable[[Path], bool], Callable[[Path], Recording] | None]] = {
+    "palpate": (is_recording, read_recording),
+    "mit-push": (is_mit_push, read_mit_push),
+    "cmu-two-finger": (is_cmu_log, read_cmu_log),
+    "bag": (is_bag, None),
 }
-"""Formats by their names; detection asks them in this order."""
+"""What tells a format, in this order, and reads it; None where a file alone is no recording."""
 
 
 def detect_format(path: Path | str) -> str | None:
     """Return the name of the file's format, or None if it is not known. Raises FileError if there is no file."""
     path = existing_bag(path)
-    return next((name for name, format in FORMATS.items() if format.detect(path)), None)
+    return next((name for name, (is_one, _) in FORMATS.items() if is_one(path)), None)
 
 
 def load_recording(path: Path | str, orientation: str = "") -> Recording:
     """Read a recording of any known format; `orientation` says how its images lie. Raises FileError."""
     path = existing_bag(path)
-    known = "; ".join(f"{name}: {format.description}" for name, format in FORMATS.items())
     if (name := detect_format(path)) is None:
-        raise FileError(f"{path}: is in no known format; known are {known}")
-    if (read := FORMATS[name].read) is None:
+        raise FileError(f"{path}: is in no known format; known are palpate's, ROS bags, and MIT's and CMU's pushes")
+    if (read := FORMATS[name][1]) is None:
         raise FileError(
             f"{path}: is a bag of ROS messages without an outline of the object; palpate track and convert take it by "
             "--shape, in Python palpate.read_bag"

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Flags, Image
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError
-from palpate.files import existing_file, in_file
+from palpate.files import counting_order, existing_file, in_file
 from palpate.types import space
 from palpate.types.choices import Placement
 from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
@@ -71,12 +71,15 @@ def encoded_images(
 
     view, data, damage, seen = camera_view(orientation), list[bytes](), list[str](), list[Image]()
     looked_at, plain = range(0, len(indices), len(indices) // 10 + 1), dict[int, Image]()
+    names = [str(each) for each in images if isinstance(each, str | Path)] if isinstance(images, list) else []
+    if names == sorted(names) != sorted(names, key=counting_order):
+        logger.warning("%s: the paths are sorted as texts, in which 10 comes before 2; are the images in order?", name)
     for place, index in enumerate(indices):
         image = images[index]
         if not isinstance(image, str | Path | bytes | FileError):
             with in_file(f"{name}: image {index}"):
                 pixels = as_array("pixels", image)
-                if pixels.ndim > 1 or pixels.dtype != np.uint8:
+                if pixels.dtype != np.uint8 or pixels.size > len(pixels):
                     upright = fitted(checked_pixels(pixels), size, view)
                     data.append(encode_image(upright, codec))
                     if place in looked_at:  # before JPEG removes the noise that shows squeezing
@@ -99,7 +102,7 @@ def encoded_images(
     if not seen:
         raise FileError(f"{name}: {damage[0]}")
     if lost := data.count(b""):
-        logger.warning("%s: %d of %d images are left out: %s", name, lost, len(data), damage[0])
+        logger.warning("%s: %d of %d images are left out: %s", name, lost, len(data), *damage[:1] or ["it is empty"])
     warn_if_squeezed(seen, name)
     return tuple(data)
 
@@ -131,10 +134,10 @@ def planar_recording(
     errors, `what` is that of the recording. Raises FileError.
     """
     keep = placed.known
-    if not keep.any():
+    if keep.sum() < min(2, len(time)):
         raise FileError(
-            f"no sensor pose is known at the time of any image, {time[0] * 1e-9:.3f} to {time[-1] * 1e-9:.3f} s; are "
-            "both by one clock, and is time_offset in seconds?"
+            f"a sensor pose is known at the time of {keep.sum()} of {len(time)} images, {time[0] * 1e-9:.3f} to "
+            f"{time[-1] * 1e-9:.3f} s; are both by one clock, and is time_offset in seconds?"
         )
     if left_out := np.count_nonzero(~keep):
         words = "%s: %d of %d images have no sensor pose at their time and are left out"

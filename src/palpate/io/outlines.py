@@ -16,7 +16,7 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.checks import FARTHEST, METRES, is_near
 from palpate.errors import FileError, SettingError, ShapeError, one_line
-from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows
+from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows, unpacked
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
 from palpate.types.choices import Unit
 
@@ -24,14 +24,10 @@ logger = logging.getLogger(__name__)
 
 TOLERANCE = 2e-5
 """[m] Largest deviation of an outline from a drawn curve, or from the many corners of a table."""
-INCH = 0.0254
-"""[m]"""
-_HIDDEN = ("hidden", "collapse")
+ASK = "give the unit of its numbers, as unit='mm' (--shape-unit mm)"
 PIXELS = 96.0
 """Pixels of an inch, as CSS has it."""
-SVG_UNITS = {"mm": 1e-3, "cm": 1e-2, "in": INCH, "pt": INCH / 72, "pc": INCH / 6, "q": 2.5e-4}
-DXF_UNITS = {1: INCH, 2: 12 * INCH, 4: 1e-3, 5: 1e-2, 6: 1.0, 13: 1e-6, 14: 0.1}
-"""[m] by number in $INSUNITS: inches, feet, millimetres, centimetres, metres, micrometres, decimetres."""
+SVG_UNITS = {"mm": 1e-3, "cm": 1e-2, "in": METRES["in"], "pt": METRES["in"] / 72, "pc": METRES["in"] / 6, "q": 2.5e-4}
 
 
 def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
@@ -59,12 +55,15 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
             f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m], or a file of "
             "an outline"
         )
-    readers = {".svg": _read_svg, ".dxf": _read_dxf, ".json": _read_json}
+    readers = {".svg": _read_svg, ".svgz": _read_svg, ".dxf": _read_dxf, ".json": _read_json}
+    readers |= dict.fromkeys(("", ".csv", ".txt", ".tsv", ".dat", ".gz"), _read_table)
     with in_file(path):
         if len(sides) == 2 and not path.exists():
             shape: Shape = Rectangle(sides[0] * (scale or 1.0), sides[1] * (scale or 1.0))
         else:
-            shape = readers.get(path.suffix.lower(), _read_table)(existing_file(path), scale)
+            if (read := readers.get(path.suffix.lower())) is None:
+                raise FileError(f"is no outline; allowed are files named {', '.join(filter(None, readers))}")
+            shape = read(existing_file(path), scale)
         if wrong := wrong_width(shape, unit):
             raise ShapeError(wrong + " unit= (--shape-unit) names it" * wrong.endswith("?"))
     if shape.extent > 0.5:
@@ -104,26 +103,24 @@ def _read_json(path: Path, scale: float | None) -> Shape:
 def _read_svg(path: Path, scale: float | None) -> Polygon:
     """Return the outline of an SVG about its centroid, y up; `scale` [m] is one unit of the drawing.
 
-    Without it the size is that of the page, if width and height have a unit. A warning tells of parts that are clipped.
+    Without it the size is that of the page, if width and height have a unit. A warning tells of parts that are masked.
     """
     _check_drawing(path, "svgelements")
     import svgelements
 
     try:
-        data = path.read_bytes()
-        if re.search(rb"\b(clip-path|mask)\s*[:=]|<symbol\b[^>]*\bviewBox", data):
-            logger.warning(
-                "%s: parts are clipped, masked or scaled symbols, and are taken as a whole and unscaled", path
-            )
-        data = re.sub(rb"(?s)<(mask|marker)\b[^>]*?(/>|>.*?</\1>)", b"", data)  # are not drawn themselves
+        data = unpacked(path)
+        if re.search(rb"\bmask\s*[:=]|<symbol\b[^>]*\bviewBox|clipPathUnits\W+objectB", data):
+            logger.warning("%s: masks, scales of symbols, and clips in units of their own are not applied", path)
+        data = re.sub(rb"(?s)<(mask|marker|foreignObject)\b[^>]*?(/>|>.*?</\1>)", b"", data)  # are not drawn themselves
+        clips = re.compile(rb"(?s)<clipPath\b.*?</clipPath>")  # hold where they are used, not where they stand
+        data = re.sub(
+            rb"<svg\b[^>]*>", lambda start: start[0] + b"".join(clips.findall(data)), clips.sub(b"", data), count=1
+        )
+        data = re.sub(rb"url\(\s*(['\"]|&quot;)(#.*?)\1\s*\)", rb"url(\2)", data)
         data = data.replace(b"<symbol", b"<defs><g").replace(b"</symbol>", b"</g></defs>")  # drawn where they are used
         page = svgelements.SVG.parse(io.BytesIO(data), ppi=PIXELS)
-        drawn: Any = [each for each in page.elements() if isinstance(each, svgelements.Shape)]
-        drawn = [each for each in drawn if _is_seen(each)]
-        shapes = [svgelements.Path(each) for each in drawn]
-        for shape in shapes:
-            shape.reify()
-        lines = [_svg_points(svgelements.Path(part)) for shape in shapes for part in shape.as_subpaths()]
+        lines = list(_seen_lines(page, page))
         size = abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0
     except Exception as error:  # damaged bytes can raise anything in the library
         raise FileError(f"is no SVG that can be read ({one_line(error)})") from error
@@ -133,12 +130,40 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
     return Polygon(outline.corners - outline.centroid)
 
 
-def _is_seen(part: Any) -> bool:
-    """Return true for a part of an SVG that is neither hidden nor transparent, and is filled or has a line."""
-    opacity = numbers_of([str(part.values.get("opacity", 1)).strip(" %")])
-    is_filled = part.fill.value is not None and part.fill.opacity
-    has_line = part.stroke.value is not None and part.stroke.opacity and part.stroke_width
-    return bool(is_filled or has_line) and opacity != [0.0] and part.values.get("visibility") not in _HIDDEN
+def _seen_lines(group: Any, page: Any, area: Any = None) -> Iterator[Array]:
+    """Yield the lines (n, 2) that a group of an SVG shows, around what is filled, in the area that clips leave."""
+    import shapely
+    from svgelements import Group, Matrix, Path, Shape
+
+    for part in group:
+        inner, clip, values = area, getattr(part, "clip_path", None), part.values
+        if clip is not None and clip.unit_type == "userSpaceOnUse":
+            place = ~Matrix(page.viewbox_transform) * Matrix(values.get("transform", ""))
+            shapes = [Path(each) * place for each in Group.select(clip) if isinstance(each, Shape)]
+            inner = _area(line for each in shapes for line in _svg_lines(each))
+            inner = inner if area is None else shapely.intersection(area, inner)
+        if isinstance(part, list):
+            yield from _seen_lines(part, page, inner)
+        if not isinstance(part, Shape):
+            continue
+        opacity = numbers_of([str(values.get("opacity", 1)).strip(" %")])
+        is_filled = part.fill.value is not None and part.fill.opacity and part.fill.hex != "#ffffff"  # as the page is
+        has_line = part.stroke.value is not None and part.stroke.opacity and part.stroke_width
+        if not (is_filled or has_line) or opacity == [0.0] or values.get("visibility") in ("hidden", "collapse"):
+            continue
+        lines = [np.vstack([line, line[:1]]) if is_filled else line for line in _svg_lines(part)]
+        if inner is not None:
+            drawn = _area(lines) if is_filled else shapely.MultiLineString([line for line in lines if len(line) > 1])
+            left: Any = shapely.get_parts(shapely.intersection(drawn, inner))
+            lines = [shapely.get_coordinates(getattr(each, "exterior", each)) for each in left]
+        yield from lines
+
+
+def _area(lines: Iterable[Array]) -> Any:
+    """Return the area within closed lines (n, 2)."""
+    import shapely
+
+    return shapely.union_all([shapely.make_valid(shapely.Polygon(line)) for line in lines if len(line) > 2])
 
 
 def _svg_unit(page: Any) -> float:
@@ -150,40 +175,39 @@ def _svg_unit(page: Any) -> float:
         given = re.fullmatch(r"\s*([-+.\d]+(?:e[-+]?\d+)?)\s*([a-z]+)\s*", str(page.values.get(side)).lower())
         if given and given[2] in SVG_UNITS and numbers_of([given[1]]):
             inner = getattr(page.viewbox, side, None)  # without a viewBox numbers are pixels
-            sizes.append(float(given[1]) * SVG_UNITS[given[2]] / inner if inner else INCH / PIXELS)
+            sizes.append(float(given[1]) * SVG_UNITS[given[2]] / inner if inner else METRES["in"] / PIXELS)
     if not sizes:
-        raise ShapeError(
-            f"the drawing has no size, its width is {page.values.get('width', 'not given')!r}: give the unit of its "
-            "numbers, as unit='mm' (--shape-unit mm)"
-        )
+        raise ShapeError(f"the drawing has no size, its width is {page.values.get('width', 'not given')!r}: {ASK}")
     return min(sizes)
 
 
-def _svg_points(path: Any) -> Array:
-    """Return points (n, 2) along an unbroken line."""
-    import svgelements
+def _svg_lines(shape: Any) -> list[Array]:
+    """Return points (n, 2) along each unbroken line of a shape."""
+    from svgelements import Close, Line, Move, Path
 
-    straight = svgelements.Line | svgelements.Close
-    drawn = (each for each in path if not isinstance(each, svgelements.Move) and None not in (each.start, each.end))
-    points = [each.npoint(np.linspace(0.0, 1.0, 2 if isinstance(each, straight) else 65)) for each in drawn]
-    return np.array(points and np.vstack(points), np.float64).reshape(-1, 2)
+    path, lines = Path(shape), list[Array]()
+    path.reify()
+    for part in map(Path, path.as_subpaths()):
+        drawn = (each for each in part if not isinstance(each, Move) and None not in (each.start, each.end))
+        points = [each.npoint(np.linspace(0.0, 1.0, 2 if isinstance(each, Line | Close) else 65)) for each in drawn]
+        lines.append(np.array(points and np.vstack(points), np.float64).reshape(-1, 2))
+    return lines
 
 
 def _read_dxf(path: Path, scale: float | None) -> Polygon:
     """Return the outline in the model space of a DXF; `scale` [m] is one unit, by default that of its header."""
     _check_drawing(path, "ezdxf")
+    from ezdxf.enums import InsertUnits
     from ezdxf.filemanagement import readfile
     from ezdxf.path import make_path
+    from ezdxf.units import conversion_factor
 
     lines = []
     try:
         drawing = readfile(path)
-        metres = scale or DXF_UNITS.get(drawing.units)
-        if metres is None:
-            raise ShapeError(
-                f"the drawing has no unit that is known ($INSUNITS is {drawing.units}): give it, as unit='mm' "
-                "(--shape-unit mm)"
-            )
+        metres = scale or (drawing.units and conversion_factor(InsertUnits(drawing.units), InsertUnits.Meters))
+        if not metres:
+            raise ShapeError(f"the drawing has no unit that is known ($INSUNITS is {drawing.units}): {ASK}")
         for entity in _seen_entities(drawing.modelspace(), drawing.layers):
             try:
                 drawn = make_path(entity)

@@ -10,13 +10,14 @@ from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from os.path import realpath
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.errors import FileError, one_line
-from palpate.files import existing_file, read_text
+from palpate.files import begins_with, existing_file, read_text
 from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, decoded, poses_of, stamp_of
 from palpate.types.space import Placed, Times, placed_at
 
@@ -25,13 +26,6 @@ logger = logging.getLogger(__name__)
 
 class CutShort(Exception):
     """A file ends too early or is damaged from some place on; everything before that was read."""
-
-
-def begins_with(path: Path, first: bytes) -> bool:
-    """Return true if there is a file that begins with these bytes."""
-    with suppress(OSError), path.open("rb") as file:
-        return file.read(len(first)) == first
-    return False
 
 
 def is_mcap(path: Path) -> bool:
@@ -92,26 +86,28 @@ def existing_bag(path: Path | str) -> Path:
     off (NAME.db3-journal), nor files that metadata.yaml does not list.
     """
     path = Path(path)
-    files = sorted([*path.glob("*.mcap*"), *path.glob("*.db3*")]) if path.is_dir() else [path]
+    files = sorted([*path.glob("[!.]*.mcap*"), *path.glob("[!.]*.db3*")]) if path.is_dir() else [path]
     parts = [file for file in files if not file.name.endswith(("-wal", "-shm", "-journal"))]
     for part in parts:
-        for log, first in ((f"{part}-wal", b""), (f"{part}-journal", b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7")):
+        for mark, first in (("-wal", b""), ("-journal", b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7")):
+            log = realpath(part) + mark
             if Path(log).is_file() and Path(log).stat().st_size and begins_with(Path(log), first):
                 raise FileError(
                     f"{part}: {Path(log).name} beside it holds what is not in it yet, as its recorder runs or was "
                     f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA journal_mode=DELETE'"
                 )
-    metadata = path / "metadata.yaml"
-    if not path.is_dir() or not (parts or metadata.is_file()):
+    if not path.is_dir():
         return existing_file(path)
     if not parts:
-        raise FileError(f"{path}: holds metadata.yaml and no .db3 or .mcap; were they moved?")
-    listed = read_text(metadata) if metadata.is_file() else ""
+        raise FileError(
+            f"{path}: is a folder without .db3 or .mcap; were they moved? One of images: see palpate convert --images"
+        )
+    listed = read_text(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else ""
     for part in parts:
         if existing_file(part).name not in listed:
             raise FileError(
-                f"{path}: {part.name} is not in its metadata.yaml, as when its recorder was killed; run "
-                f"`ros2 bag reindex` on the folder, or give {part}"
+                f"{path}: {part.name} is not in its metadata.yaml, as after a killed recorder; run `ros2 bag reindex` "
+                f"on the folder, or give recordings themselves, as {part}"
             )
     return path
 
@@ -137,6 +133,8 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
     from rosbags import rosbag1, rosbag2
 
     is_ros2 = _is_ros2(path)
+    if is_ros2 and path.is_file() and path.suffix != ".db3":
+        raise FileError(f"{path}: is a ROS 2 database with the suffix {path.suffix!r}, allowed is .db3: rename it")
     try:
         with rosbag2.Reader(path) if is_ros2 else rosbag1.Reader(path) as reader:
             for connection, time, data in reader.messages():

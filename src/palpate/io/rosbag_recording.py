@@ -136,7 +136,7 @@ def _source(found: Contents, name: str | None, leave_out: _Source | None) -> _So
     """Return the named source of poses, or the only one but `leave_out`: a topic, or one chain of all transforms."""
     parent, colon, child = (name or "").partition(":")
     if colon:
-        return _chain(found, parent, child)
+        return _chain(found, parent.lstrip("/"), child.lstrip("/"))
     above = {each for one in found.transforms.values() for each in one.frames}
     ways = [_way_up(found, child) for child in sorted(found.transforms.keys() - above)]
     chains = [f"{way[-1]}:{way[0]}" for way in ways if way[-1] not in found.transforms]
@@ -187,7 +187,8 @@ def _only(found: Contents, what: str, names: list[str], chosen: str | None, opti
     """Return the chosen name, or the only one of some. Raises FileError that lists them."""
     if chosen in names or (chosen is None and len(names) == 1):
         return chosen or names[0]
-    there = (", ".join(names) or "none of a type that is read") + _frames(found)
+    others = ", ".join(f"{each.topic} of {each.type}" for each in found.topics if not each.is_read)
+    there = (", ".join(names) or f"none of a type that is read, but {others or 'no others'}") + _frames(found)
     wrong = f"has no {what} {chosen!r}" if chosen else f"has {'more than one' if names else 'no'} {what}"
     raise FileError(f"{wrong}; there are {there}; name one by {option}")
 

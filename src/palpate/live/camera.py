@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from palpate.errors import SettingError
+from palpate.files import counting_order
 from palpate.live.sources import Clock, Image, Sources, TouchImage, clock_from, udp_poses
 from palpate.types.choices import Placement
 from palpate.types.images import CameraView, camera_view, scaled
@@ -85,7 +86,8 @@ def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures
     import cv2
 
     if path.is_dir():
-        files = sorted(str(file) for file in path.iterdir() if file.suffix.lower() in (".png", ".jpg", ".jpeg"))
+        found = sorted(map(str, path.glob("[!.]*")), key=counting_order)
+        files = [file for file in found if file.lower().endswith((".png", ".jpg", ".jpeg"))]
         is_film, rate = bool(files), sensor.rate
         pixels = (cv2.imread(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) for file in files)
     else:

@@ -36,7 +36,7 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
     if foreign := sorted(there - FILES - {RECORDING, PAGE, MCAP}):
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    part = folder.resolve().with_name(f".{folder.name}.{os.getpid()}.part")  # it may be a link
     try:
         part.mkdir(parents=True)
         try:
@@ -44,8 +44,8 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         finally:
             if (part / SUMMARY).exists():
                 if folder.exists():
-                    shutil.rmtree(folder)
-                part.rename(folder)
+                    shutil.rmtree(folder.resolve())
+                part.rename(folder.resolve())
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     finally:

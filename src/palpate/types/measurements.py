@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array, Image
-from palpate.checks import TURNS, without_gradient
-from palpate.errors import EstimationError
+from palpate.checks import TURNS, as_array
+from palpate.errors import EstimationError, FileError
 
 
 class Measurement:
@@ -166,11 +166,11 @@ def check_time(what: str, time: object) -> None:
 def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
     """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
     try:
-        array = given if isinstance(given, np.ndarray) else np.asarray(without_gradient(given))
+        array = given if type(given) is np.ndarray else as_array("numbers", given)
         if array.dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
             return None
         numbers = np.array(array, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError, RuntimeError):
+    except (TypeError, ValueError, OverflowError, FileError):
         return None
     return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None
 

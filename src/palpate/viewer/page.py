@@ -3,9 +3,8 @@
 import base64
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +24,9 @@ PAGE = """<!DOCTYPE html>
 <style>
 body { margin: 1rem auto; padding: 0 1rem; max-width: 1150px; }
 input, img { width: 100%; margin: 0; }
-th { padding: 0 0.7rem; text-align: right; font-weight: normal; }
 </style>
 <input id="slider" type="range" aria-label="time">
 <img id="picture" alt="push from above, touch image, errors and status">
-<table>INNOVATIONS</table>
 <script>
 const pictures = PICTURES;
 const slider = document.getElementById("slider");
@@ -52,15 +49,7 @@ def write_page(run: Run, path: Path) -> None:
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "WEBP", quality=60)
         encoded.append(f"data:image/webp;base64,{base64.b64encode(data.getvalue()).decode()}")
-    page = PAGE.replace("INNOVATIONS", table(run.summary["innovations"]))
-    path.write_text(page.replace("PICTURES", json.dumps(encoded)), encoding="utf-8")
-
-
-def table(scores: Mapping[str, Mapping[str, float | None]]) -> str:
-    """Return the rows of an HTML table of the scores of innovations, of which 1, 1 and 0 are right."""
-    rows = [("innovations", *next(iter(scores.values()), ()))]
-    rows += [(name, *("-" if one is None else f"{one:.3g}" for one in each.values())) for name, each in scores.items()]
-    return "".join(f"<tr>{''.join(f'<th>{escape(cell)}' for cell in row)}" for row in rows)
+    path.write_text(PAGE.replace("PICTURES", json.dumps(encoded)), encoding="utf-8")
 
 
 def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
