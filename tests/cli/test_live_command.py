@@ -165,7 +165,7 @@ def test_a_bag_is_replayed(run_palpate, fails):
     code, out, _ = run_palpate(*words, "--shape", "disc", "--first-pose-unknown", "--seconds", "0.4")
     assert code == 0 and "latency" in out and "without_pose" in out
     assert "--first-pose X Y THETA" in fails(*words, "--shape", "disc")
-    assert "take it by --shape" in fails(*words)
+    assert "give --shape" in fails(*words)
 
 
 def test_ctrl_c_ends_it_and_the_file_is_whole(run_palpate):

@@ -162,7 +162,7 @@ def test_times_below_zero_become_messages(succeeds):
     assert table("runs/before/estimates.csv")["time"][0] == -1e5 and Path("runs/before/estimates.mcap").exists()
 
 
-def test_force_replaces_nothing_but_a_run(fails, json_of):
+def test_force_replaces_nothing_but_a_run(fails, json_of, run_palpate):
     json_of("track", "push.mcap")
     before = Path("runs/push/summary.json").read_text()
     assert "already exists; --force" in fails("track", "push.mcap", "--smoother", "batch")
@@ -173,6 +173,12 @@ def test_force_replaces_nothing_but_a_run(fails, json_of):
     assert Path("runs/push/thesis.tex").exists()
     assert "is a file" in fails("track", "push.mcap", "--out", "blind.mcap", "--force")
     assert "not the name of a new folder" in fails("track", "push.mcap", "--out", "/")
+    Path("runs/push/thesis.tex").unlink()
+    Path("link").symlink_to("runs/push")
+    assert json_of("track", "push.mcap", "--out", "link", "--force")["smoother"] == "fixed-lag"
+    assert Path("link").is_symlink() and '"fixed-lag"' in Path("runs/push/summary.json").read_text()
+    code, _, err = run_palpate("track", "push.mcap", Path("push.mcap").absolute(), "--out", "twice", "--force")
+    assert code == 3 and "twice/push: already exists" in err  # the run of the first stays
 
 
 def test_several_files_give_a_folder_each(run_palpate):

@@ -101,6 +101,14 @@ def test_tensors_with_a_gradient_are_arrays():
         tracker.update(Frame(0.1, [Tensor(0.0)] * 3, contact=False))  # type: ignore[arg-type]
 
 
+def test_quaternions_with_w_first_are_asked_about_in_a_frame():
+    turned = in_space(np.array([[0.1, 0.0, 1.0]]))
+    tracker = Tracker(Disc(0.05), POINT, None)
+    tracker.update(Frame(0.0, rows(turned)[0], contact=False))
+    with pytest.raises(FrameError, match=r"z axis up to \d+ degrees off .*: is w the last of each quaternion\?"):
+        tracker.update(Frame(0.1, rows(turned)[0, [0, 1, 2, 6, 3, 4, 5]], contact=False))
+
+
 def test_what_is_masked_is_unknown():
     lost = np.arange(50) % 25 == 5
     masked = np.ma.masked_array(true_pose(POSE_TIME), np.tile(lost[:, None], 3))

@@ -35,9 +35,6 @@ def load_recording(path: Path | str, orientation: str = "") -> Recording:
     if (name := detect_format(path)) is None:
         raise FileError(f"{path}: is in no known format; known are palpate's, ROS bags, and MIT's and CMU's pushes")
     if (read := FORMATS[name][1]) is None:
-        raise FileError(
-            f"{path}: is a bag of ROS messages without an outline of the object; palpate track and convert take it by "
-            "--shape, in Python palpate.read_bag"
-        )
+        raise FileError(f"{path}: is a bag without an outline of the object: give --shape, in Python palpate.read_bag")
     with in_file(path):
         return read(path).oriented(orientation)

@@ -154,13 +154,7 @@ def planar_recording(
     else:
         plane = space.plane_across(frame, placement.plane, placed.position)
     sensor_pose = space.in_plane(plane, placed, placement.off_plane, time)
-    upright = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
-    if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > space.STEEPEST:
-        raise FileError(
-            f"{placed.name} has its z axis up to {roll:.0f} degrees off the plane's normal, allowed are "
-            f"{space.STEEPEST:.0f}: is w the last of each quaternion?"
-        )
-    if (upright < 0.0).all():
+    if space.upside_down(plane, placed).all():
         logger.warning(
             "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, "
             "turn its frame, by sensor_T_gel (--sensor-T-gel 0 0 0 1 0 0 0), unless the quaternions have w first",

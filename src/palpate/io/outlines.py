@@ -49,8 +49,7 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
         return SHAPES[known]
     scale = None if unit is None else METRES[unit]
     sides = numbers_of(name.lower().split("x")) or []
-    is_file = path.exists() or "/" in name or path.suffix[1:2].isalpha()
-    if len(sides) != 2 and not is_file:
+    if len(sides) != 2 and not (path.exists() or "/" in name or path.suffix[1:2].isalpha()):
         raise SettingError(
             f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m], or a file of "
             "an outline"

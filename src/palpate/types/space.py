@@ -144,7 +144,9 @@ class GelPoses:
         self.plane = plane = self.plane or plane_across(frame, how.plane, gel.position)
         if frame != plane.frame:
             raise FileError(f"pose: it is given in frame {frame!r}, the first was in {plane.frame!r}")
-        return in_plane(plane, gel, how.off_plane)[0]
+        placed = in_plane(plane, gel, how.off_plane)[0]
+        upside_down(plane, gel)
+        return placed
 
 
 def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
@@ -260,6 +262,15 @@ def in_plane(plane: Plane, placed: Placed, off_plane: float, time: Times | None 
     if time is not None and abs(angle[steepest]) > 2.0:
         logger.warning("%s is tilted out of the plane by up to %.1f degrees", what, abs(angle[steepest]))
     return np.column_stack([at[:, :2], np.arctan2(x_axis[:, 1], x_axis[:, 0])])
+
+
+def upside_down(plane: Plane, placed: Placed) -> Flags:
+    """Return true where z axes point against a plane's normal. Raises FileError where they are far off its line."""
+    upright = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
+    if (roll := np.degrees(np.arccos(min(np.abs(upright).min(), 1.0)))) > STEEPEST:
+        words = f"{placed.name} has its z axis up to {roll:.0f} degrees off the plane's normal, allowed are"
+        raise FileError(f"{words} {STEEPEST:.0f}: is w the last of each quaternion?")
+    return upright < 0.0
 
 
 def out_of_plane(plane: Plane, pose: Array) -> tuple[Array, Array]:
