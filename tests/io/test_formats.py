@@ -42,6 +42,12 @@ def test_odd_files_are_in_no_format(tmp_path, name):
         formats.load_recording(path)
 
 
+def test_a_trajectory_of_quaternions_is_no_log_of_cmu(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text("".join(f"{k / 30},{0.1 + k / 900},0.2,0,0,0,0,1\n" for k in range(60)))
+    assert formats.detect_format(path) is None
+
+
 def test_detection_does_not_raise_on_what_is_no_file(tmp_path):
     for each in formats.FORMATS.values():
         assert not each[0](tmp_path) and not each[0](tmp_path / "none")

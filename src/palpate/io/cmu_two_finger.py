@@ -37,11 +37,11 @@ LATENCY = 0.164
 
 
 def is_cmu_log(path: Path) -> bool:
-    """Return true if the first rows are those of a log."""
+    """Return true if the first rows are those of a log, and do not end in a quaternion of no turn, as others do."""
     lines = text_start(path).splitlines()[:5]
     # A line may be cut off by the end of what was read, the first is not.
     rows = [numbers_of(line.split(",")) or [] for line in lines[:-1] or lines]
-    return bool(rows) and all(len(row) == 8 for row in rows) and rows[0][7].is_integer()
+    return {len(row) for row in rows} == {8} and rows[0][7] >= 1.0 and rows[0][7].is_integer() and any(rows[-1][4:7])
 
 
 def read_cmu_log(path: Path) -> Recording:
