@@ -59,6 +59,7 @@ def test_errors_of_a_robot_are_found(fit):
     mean, sigma = fit.after.T
     known = np.isfinite(true)
     assert (np.abs(mean - true)[known] < 2.5 * sigma[known]).all()
+    assert mean[3] > 0.005 and mean[4] > 2e-4  # not of the other sign
     assert (sigma < [0.012, 0.04, 5e-4, 0.012, 1e-3, 0.05]).all() and (sigma <= fit.before[:, 1]).all()
     assert fit.misfit < 2.0
     found = fit.calibration

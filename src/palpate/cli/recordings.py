@@ -10,7 +10,7 @@ import palpate
 from palpate.cli.console import Report, progress_bar
 from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError
-from palpate.files import in_file, new_file, numbers_of, read_json, whole_file
+from palpate.files import in_file, new_file, numbers_of, read_json
 
 
 def info(
@@ -203,13 +203,7 @@ def calibrate(
         numbers |= {"pushes": len(pushed), "misfit": learnt.misfit, "robot": about}
         unknown = [name for name, row in about.items() if row["sigma"] > 0.9 * row["sigma_before"]]
         notes += [f"These pushes do not show: {', '.join(unknown)}."] if unknown else []
-        picture = out.with_suffix(".png")
-
-        def save_picture() -> None:
-            with whole_file(picture, overwrite=True) as part:
-                push_figure(learnt).savefig(part, format="png", dpi=120)
-
-        draw(str(picture), save_picture)
+        draw(out.with_suffix(".png"), lambda file: push_figure(learnt).savefig(file, format="png", dpi=120))
     write_calibration(calibration, out, overwrite=force)
     files = {"file": file and str(file), "out": str(out)}
     if presses and not calibration.view.keeps_left_and_right:

@@ -70,7 +70,7 @@ def track(
                 ) -> None:
                     run.summary["warnings"][:0] = said
                     if has_page:
-                        draw(PAGE, lambda: write_page(run, part / PAGE))
+                        draw(part / PAGE, lambda page: write_page(run, page))
                     write_files(run, part, plane)
 
                 with progress_bar(file.name, len(recording)) as progress:

@@ -4,12 +4,14 @@ import logging
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.arrays import Array
 from palpate.errors import one_line
+from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.metrics import deviations, flag_runs, pose_words, rotation_errors, translation_errors
@@ -49,13 +51,13 @@ def own_style(**settings: Any) -> Iterator[None]:
         yield
 
 
-def draw(what: str, made: Callable[[], object]) -> None:
-    """Make a drawing that a run can do without: if that fails, a warning says so and nothing else is lost."""
+def draw(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a drawing that a run can do without: if that fails, a warning says so and nothing else is lost."""
     try:
-        with own_style():
-            made()
+        with own_style(), whole_file(path, overwrite=True) as part:
+            write(part)
     except Exception as error:  # of a library, by its fonts, the data or the environment
-        logger.warning("%s is left out: %s: %s", what, type(error).__name__, one_line(error))
+        logger.warning("%s is left out: %s: %s", path.name, type(error).__name__, one_line(error))
 
 
 def run_figure(run: Run, at_end: bool = True) -> "Figure":

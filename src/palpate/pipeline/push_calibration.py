@@ -1,10 +1,11 @@
 """Calibration of a robot by ordinary pushes without truth: one fit over what is common to all of them.
 
-With its own first pose, friction and path, each push gives a Gaussian on the variables of the graph that all pushes
-share. Their product, less the prior that each one counts again, is that of all. The place of the sensor along its y and
-the delay of images are no variables: all pushes are fitted at several of both, and a quadratic through the costs gives
-them and their deviations. A mounting error along x acts like a deeper indentation, and one in yaw like an offset of all
-directions, so depth and offset include them.
+With its own first pose, friction and path, each push gives a Gaussian on the numbers that all pushes share. Their
+product, less the prior that each one counts again, is that of all. Four of the numbers are variables of the graph. The
+place of the sensor along its y and the delay of images are not: each push is fitted at several of both, and a quadratic
+through its costs, with the motion of the four, gives a Gaussian on all six. A push that finds another solution there
+says nothing of these two, and one that contradicts the others counts less. A mounting error along x acts like a deeper
+indentation, and one in yaw like an offset of all directions, so depth and offset include them.
 """
 
 import logging
@@ -55,9 +56,11 @@ _SHARED = (DIRECTION_BIAS, DIRECTION_SCALE, DEPTH, OUTLINE_SCALE)
 _COLUMNS = [IN_OBJECT[one].start for one in _SHARED]
 _MOUNTED, _OUTLINES = 0.0175, 0.015  # [rad], share: deviations of a mounting's yaw and of outlines' size
 _OUTSIDE = np.array([(0.0, 1e-3), (0.03, 0.05)])  # [m], [s]: sideways and delay of a usual robot
-_STEP = np.array([1e-3, 0.05])  # [m], [s] between the fits
+_CROSS = np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])  # steps of both between the fits
 _Fit = tuple[float, Array, Array]
 """Cost, mean (4,) and covariance (4, 4) of the shared variables."""
+_Expansion = tuple[Array, float, Array, Array]
+"""Numbers (6,) at which a push was fitted, its cost there, and slope (6,) and curvature (6, 6) of the cost."""
 _APART = 4.0  # misfit from which pushes are not of one robot
 
 
@@ -134,64 +137,46 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     bias = math.hypot(noise.priors.direction_bias[1], _MOUNTED)
     noise = replace(noise, priors=replace(noise.priors, direction_bias=(0.0, bias), outline_scale=(0.0, _OUTLINES)))
     before = np.array([*(getattr(noise.priors, one.name) for one in _SHARED), *_OUTSIDE])
-
-    # A quadratic through the costs of nine fits, about which the shared variables are linear.
-    steps = np.stack(np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]), axis=-1).reshape(9, 2)
-    solved: list[Push] = []
-    fits: list[list[_Fit]] = []
+    # Whole frames, since poses interpolated between them have less noise, and that would show in the costs.
+    size = np.array([1e-3, max(round(sensor.rate / 30.0), 1) / sensor.rate])  # [m], [s]
+    solved: list[tuple[Push, list[_Fit]]] = []
     for push in pushes:
         try:
-            fits.append([_fitted(push, step * _STEP, noise) for step in steps])
-            solved.append(push)
+            solved.append((push, [_fitted(push, _OUTSIDE[:, 0] + step * size, noise) for step in _CROSS]))
         except EstimationError as error:
             logger.warning("%s: is left out (%s)", push.recording.file, error)
     if len(solved) < FEWEST:
         raise FileError(
             f"found {len(solved)} pushes; at least {FEWEST} are needed, from first poses and with outlines that fit"
         )
-    costs, means, _ = zip(*(_joined(at_step, before[:4]) for at_step in zip(*fits, strict=True)), strict=True)
-    products = steps[:, [0, 0, 1]] * steps[:, [0, 1, 1]] * (0.5, 1.0, 0.5)
-    basis = np.column_stack([np.ones(9), steps, products])
-    _, *slope, aa, ab, bb = np.linalg.lstsq(basis, np.array(costs), rcond=None)[0]
-    values, vectors = np.linalg.eigh([(aa, ab), (ab, bb)])
-    known = np.square(_STEP / _OUTSIDE[:, 1])
-    spread = np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + np.diag(known))
-    move = np.clip(spread @ (known * (_OUTSIDE[:, 0] / _STEP) - slope), -1.5, 1.5)
-    each = [_fitted(push, move * _STEP, noise) for push in solved]
-    cost, mean, covariance = _joined(each, before[:4])
-    if (np.abs(move) == 1.5).any():
-        logger.warning(
-            "sensor or images are off by more than 1.5 mm or 75 ms: correct sensor_T_gel or time_offset first"
-        )
+    mean, covariance, misfit = _joined([_expansion(fits, size) for _, fits in solved], before)
     mirrored = math.inf
     with suppress(EstimationError):
-        mirrored = sum(_fitted(push, np.zeros(2), noise, sign=-1.0)[0] for push in solved)
+        mirrored = sum(_fitted(push, _OUTSIDE[:, 0], noise, sign=-1.0)[0] for push, _ in solved)
+    cost = sum(fits[0][0] for _, fits in solved)
     if mirrored < cost - LEFT_OR_RIGHT:
         raise FileError("the images fit these pushes only with left and right exchanged: --orientation mirrored or 180")
-    misfit = sum(_chi_square(one, mean) for one in each) / (4.0 * (len(each) - 1.0))
     if misfit > _APART:
         raise FileError(
             f"the pushes do not belong together: they differ by {misfit:.1f} times what their errors allow, and "
             f"those of one robot by {_APART:g} at most; are outlines and first poses right, and is it one mounting?"
         )
-    by_step = np.array(means).T @ steps / np.square(steps).sum(axis=0)
-    inside = np.diagonal(covariance + by_step @ spread @ by_step.T)
-    sigmas = np.sqrt(max(misfit, 1.0) * np.append(inside, np.diagonal(spread) * np.square(_STEP)))
-    after = np.column_stack([np.append(mean, move * _STEP), np.minimum(sigmas, before[:, 1])])
+    if (np.abs(mean - before[:, 0])[4:] > 2.0 * size).any():
+        logger.warning("sensor or images are off by 2 mm or two frames: correct sensor_T_gel or time_offset first")
+    after = np.column_stack([mean, np.minimum(np.sqrt(np.diagonal(covariance)), before[:, 1])])
     after[5, 0] = max(after[5, 0], 0.0)
     offset, scale, depth, outline, sideways, delay = map(tuple, after.tolist())
-    factor = direction.scale * (1.0 + scale[0])
+    by = direction.scale
+    corrected = DirectionCorrection(direction.offset + by * offset[0], by * (1.0 + scale[0]), offset[1], by * scale[1])
     learnt = replace(
         calibration,
-        direction=DirectionCorrection(
-            direction.offset + direction.scale * offset[0], factor, offset[1], direction.scale * scale[1]
-        ),
+        direction=corrected,
         set_up=SetUp(sideways, delay, depth, outline),
         is_view_known=calibration.is_view_known or cost < mirrored - LEFT_OR_RIGHT,
     )
     if wrong := mismatch(learnt, sensor):
         raise FileError(wrong)
-    by_each = np.array([np.column_stack([mean, np.sqrt(np.diagonal(spread))]) for _, mean, spread in each])
+    by_each = np.array([np.column_stack([mean, np.sqrt(np.diagonal(spread))]) for _, ((_, mean, spread), *_) in solved])
     return PushFit(learnt, before, after, by_each, misfit)
 
 
@@ -226,18 +211,39 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
     return cost, last.values[0, _COLUMNS], last.covariance[0, 3:, 3:][np.ix_(_COLUMNS, _COLUMNS)]
 
 
-def _joined(fits: Sequence[_Fit], prior: Array) -> _Fit:
-    """Return the joint fit of all pushes, each with the same prior (4, 2), which counts once."""
-    known, again = prior[:, 1] ** -2.0, len(fits) - 1.0  # times that the prior counts too often
-    informations = [np.linalg.inv(covariance) for _, _, covariance in fits]
-    covariance = np.linalg.inv(np.sum(informations, axis=0) - again * np.diag(known))
-    pull = sum(information @ mean for information, (_, mean, _) in zip(informations, fits, strict=True))
-    mean = covariance @ (pull - again * known * prior[:, 0])
-    chi_square = sum(_chi_square(fit, mean) for fit in fits) - again * known @ np.square(mean - prior[:, 0])
-    return sum(fit[0] for fit in fits) + 0.5 * float(chi_square), mean, covariance
+def _expansion(fits: Sequence[_Fit], step: Array) -> _Expansion:
+    """Return the second-order expansion of a push's cost from its fits at the places of _CROSS, `step` (2,) apart.
+
+    A push with another solution at one of them says nothing of sideways and delay.
+    """
+    costs, means, covariances = (np.array(each) for each in zip(*fits, strict=True))
+    slope, curve = (costs[1::2] - costs[2::2]) / (2.0 * step), costs[1::2] + costs[2::2] - 2.0 * costs[0]
+    motion, bend = (means[1::2] - means[2::2]) / (2.0 * step[:, None]), means[1::2] + means[2::2] - 2.0 * means[0]
+    best, bends = 0, np.einsum("ki,ij,kj->k", bend, np.linalg.inv(covariances[0]), bend)
+    if bends.max() > 1.0 or curve.min() < -1.0:  # which no Gaussian has
+        best, slope, curve, motion = int(np.argmin(costs)), np.zeros(2), np.zeros(2), np.zeros((2, 4))
+    off_mean = np.column_stack([np.eye(4), -motion.T])  # of the four, by all six
+    curvature = off_mean.T @ np.linalg.inv(covariances[best]) @ off_mean
+    curvature[4:, 4:] += np.diag(np.maximum(curve, 0.0) / np.square(step))
+    return np.append(means[best], _OUTSIDE[:, 0]), costs[best], np.append(np.zeros(4), slope), curvature
 
 
-def _chi_square(fit: _Fit, mean: Array) -> float:
-    """Return the chi-square of a fit about a mean."""
-    off = fit[1] - mean
-    return float(off @ np.linalg.solve(fit[2], off))
+def _joined(expansions: Sequence[_Expansion], prior: Array) -> tuple[Array, Array, float]:
+    """Return mean (6,) and covariance (6, 6) of the numbers by all pushes and a prior (6, 2), and the misfit.
+
+    The cost of each push includes the prior of the four shared variables, which counts once. A push that fits the
+    common numbers worse than half of them counts by so much less.
+    """
+    at, costs, slopes, curvatures = (np.array(each) for each in zip(*expansions, strict=True))
+    once = np.diag(prior[:, 1] ** -2.0)
+    again, mean, covariance, rise, apart = once * (np.arange(6) < 4), prior[:, 0], once, 0.0 * costs, 0.0 * costs
+    for _ in range(20):
+        together = np.maximum(costs + rise, 1.0)
+        weights = np.minimum(np.median(together) / together, 1.0)
+        covariance = np.asarray(np.linalg.inv(once + np.tensordot(weights, curvatures - again, 1)), np.float64)
+        pulls = np.einsum("nij,nj->ni", curvatures, at) - slopes - again @ prior[:, 0]
+        mean = covariance @ (once @ prior[:, 0] + weights @ pulls)
+        off = mean - at
+        apart = np.einsum("ni,nij,nj->n", off, curvatures, off)
+        rise = np.sum(slopes * off, axis=1) + 0.5 * apart
+    return mean, covariance, float(apart.sum() / (4.0 * (len(costs) - 1.0)))

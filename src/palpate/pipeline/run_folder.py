@@ -68,7 +68,7 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     write_estimates_csv(online, folder / "estimates.csv")
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, plane=mcap)
-    draw("figure.png", lambda: run_figure(run).savefig(folder / "figure.png", dpi=120))
+    draw(folder / "figure.png", lambda file: run_figure(run).savefig(file, format="png", dpi=120))
     if file is None:
         write_recording(run.recording, folder / RECORDING)
     for name, data in (("settings.json", settings), (SUMMARY, run.summary)):  # last of all: a folder with both is whole

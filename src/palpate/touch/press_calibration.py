@@ -194,10 +194,8 @@ def _fit(
     if is_measured:
         inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
         sigmas = np.sqrt(np.diagonal(np.linalg.inv(rows.T @ rows))) * inflation
-        scale_sigma = math.hypot(sigmas[1], _OTHER_OBJECTS)
-        correction = DirectionCorrection(float(offset), float(scale), float(sigmas[0]), scale_sigma)
-        if presses.are_relative:
-            correction = DirectionCorrection(scale=float(scale), scale_sigma=scale_sigma)
+        start = (0.0, None) if presses.are_relative else (float(offset), float(sigmas[0]))
+        correction = DirectionCorrection(start[0], float(scale), start[1], math.hypot(sigmas[1], _OTHER_OBJECTS))
     else:
         ranks = np.argsort(np.argsort(angle))
         if not np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _IN_ORDER:
