@@ -30,7 +30,7 @@ Where nothing did, directions reach theirs twice in a minute of contact, contact
 (`docs/study/alarms.json`). Directions tell most of a shove."""
 _SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
 _STILL = 3e-4  # [m] noise of the sensor's own motion
-_HAND_SPEED, _HAND_REACH = 0.3, 0.02  # [m/s], [m] standard deviations of a hand that moves the object away
+_HAND = 0.01  # [m] least displacement by a hand that takes the object away
 _FOUND = np.square([0.005, 0.005, 0.1])  # [m^2, m^2, rad^2] variances at which a displaced object is found again
 _CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
 _SEVERAL = 3  # of the last frames from which a contradiction counts: a single one may be an error
@@ -55,10 +55,10 @@ class ConsistencyMonitor:
         gap, by = clearances(belief, self._model, sensor_pose[None])
         return gap[:, 0], np.sqrt(belief.variances(by)[:, 0] + self._contact_deviation**2)
 
-    def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: Array, ago: float) -> None:
+    def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: Array) -> None:
         """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
 
-        `touched` is its last pose in contact (3,), so many seconds `ago`.
+        `touched` is its last pose in contact (3,).
         """
         gap, by = clearances(rows.belief, self._model, np.stack([sensor_pose, touched]))
         now, before = gap.T
@@ -69,8 +69,7 @@ class ConsistencyMonitor:
         deviation = np.sqrt(variance[:, 0] + self._contact_deviation**2)
         rows.displace(np.where(now < -_SURPRISE * deviation, -now, 0.0))
         deviation = np.sqrt(variance[:, 1] + _STILL**2)
-        by_hand = min(0.5 * _HAND_REACH, 0.5 * _HAND_SPEED * ago)
-        rows.displace(np.where(now < before - _SURPRISE * deviation, by_hand, 0.0))
+        rows.displace(np.where(now < before - _SURPRISE * deviation, _HAND, 0.0))
 
     def test_first_contact(self, rows: Hypotheses, sensor_pose: Array) -> None:
         """Test that a contact begins where the object's outline is."""
@@ -84,7 +83,7 @@ class ConsistencyMonitor:
         if not measured:
             return
         known = rows.belief.pose_covariance + self._calibration + self.covariance_of_motion(moved)
-        worst = worst_apart = np.zeros(len(rows.age))
+        worst = worst_apart = np.zeros(len(rows.weight))
         for pose, one in zip(expected, measured, strict=True):
             off = se2.log(se2.between(pose, one.pose))
             inverse = np.linalg.pinv(known + one.covariance, hermitian=True)  # a solution may have diverged

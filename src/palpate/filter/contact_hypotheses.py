@@ -58,8 +58,7 @@ def contact_hypotheses(
     stays = rough & (has_places | (not was_found))
     belief = displaced.joined(rest).take(np.arange(len(rough)) + len(rough) * stays)
     is_new = stays | (not was_found)
-    weight, age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
-    stayed = replace(rows, belief=belief, log_prior=log_prior, weight=weight, age=age)
+    stayed = replace(rows, belief=belief, log_prior=log_prior, weight=np.where(is_new, 1.0, rows.weight))
     variances = np.diagonal(displaced.pose_covariance, axis1=1, axis2=2)
     is_hopeless = np.any(variances > _HOPELESS**2, axis=1) & rough & has_places & ~is_displaced & (not was_found)
     places = replace(
@@ -67,7 +66,6 @@ def contact_hypotheses(
         belief=poses,
         log_prior=rows.log_prior[origin] + likely - _LOG_UNLIKELY,
         weight=np.ones(len(likely)),
-        age=np.zeros_like(origin),
         disturbed_steps_left=np.full_like(origin, AHEAD + 1),  # pushing is ignored in their first steps
     )
     begun, origin = stayed.take(~is_hopeless).joined(places), np.concatenate([np.flatnonzero(~is_hopeless), origin])

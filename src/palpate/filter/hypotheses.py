@@ -1,7 +1,7 @@
 """Hypotheses about one object as rows of arrays, their weights, and the selection of those worth keeping.
 
 Costs of steps and of unusual friction judge a hypothesis. Errors of neighbouring steps are much the same, so that only
-a small share of the costs counts and no single step decides.
+a small share of the costs counts.
 """
 
 import math
@@ -14,19 +14,17 @@ from palpate.config import Priors
 from palpate.graph.belief import Belief, RowArrays
 
 MOST_YOUNG = 20
-"""Largest number of hypotheses at the beginning of a contact: all faces of an outline, each at several places."""
-LIKELY, WATCHED = 0.1, 0.003
-"""Weights from which a hypothesis makes an estimate ambiguous, and from which it is watched for disturbances."""
-POOR = 1e-6
+"""Largest number of hypotheses with which a contact begins: all faces of an outline, each at several places."""
+LIKELY = 0.1
+"""Weight from which a hypothesis makes an estimate ambiguous and is watched for disturbances."""
+POOR = 1e-3
 """Weight, relative to the best hypothesis, below which one hardly counts."""
 AHEAD = 6
 """Steps after an alarm or the begin of a contact in which something else may move the object."""
 _FRAMES = 10  # of which distances from measured poses are kept
-_GRACE = 25  # frames after which a poor hypothesis goes
-_COST_SHARE, _MOST_OF_A_STEP = 0.3, 10.0
-"""Share of the costs that counts, with which weights are right as often as they say unless somebody shoves the object;
-largest cost of a step above that of the best hypothesis."""
-_NEW, _YOUNG = 4, 12  # frames in which a hypothesis is not compared with others, and in which there may be many
+_STAYS = 0.2  # odds above which the best stays the best: near ties would change places every frame
+_COST_SHARE = 0.3
+"""Share of the costs that counts: weights are then right as often as they say, unless somebody shoves the object."""
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
 
@@ -49,8 +47,6 @@ class Hypotheses(RowArrays):
     """Probability among all hypotheses, (B,)."""
     sign: Array
     """(B,) -1.0 if touch images are taken as mirrored."""
-    age: Integers
-    """Frames of contact since it was added, (B,)."""
     disturbed_steps_left: Integers
     """Steps for which something else may still move the object, (B,)."""
     next_alarm: Integers
@@ -90,7 +86,6 @@ def single(belief: Belief, sign: float) -> Hypotheses:
         log_prior=zero,
         weight=np.ones(1),
         sign=np.full(1, sign),
-        age=none,
         disturbed_steps_left=none,
         next_alarm=none,
     )
@@ -99,28 +94,25 @@ def single(belief: Belief, sign: float) -> Hypotheses:
 def costs_of_contact(costs: Array) -> Array:
     """Return the share that counts of a contact's costs (B,), from those of its steps (B, N, 3); see `Window.costs`."""
     costs = costs[..., 0] + np.where(costs[..., 2].any(axis=0), 0.0, costs[..., 1])
-    return _COST_SHARE * np.minimum(costs, costs.min(axis=0) + _MOST_OF_A_STEP).sum(axis=1)
+    return _COST_SHARE * costs.sum(axis=1)
 
 
 def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> tuple[Integers, Array]:
-    """Return the rows worth keeping, the best first, and their weights: none is poor or the same as a better one.
+    """Return up to `most` rows worth keeping, the best first, and their weights.
 
-    There are `most` at most, or as many as at the beginning of a contact while all are young.
+    None is poor or the same as a better one. The best stays the best until another one is far likelier.
     """
     unusual = np.sum(np.square((rows.belief.values - priors.mean) / priors.deviation), axis=1)
     scores = rows.log_prior - costs_of_contact(costs) - 0.5 * unusual
     relative = np.exp(scores - scores.max())
-    is_poor = (rows.age > _GRACE) & (relative < POOR)
     is_settled = rows.disturbed_steps_left == 0
-    is_compared = is_settled & (rows.age >= _NEW)
-    is_alike = rows.sign[:, None] == rows.sign
-    near = is_alike & are_near(rows.belief.pose[:, None], rows.belief.pose[None]) & is_compared[:, None] & is_settled
+    is_alike = (rows.sign[:, None] == rows.sign) & is_settled[:, None] & is_settled
+    near = is_alike & are_near(rows.belief.pose[:, None], rows.belief.pose[None])
+    scores[0 if relative[0] > _STAYS else relative.argmax()] = np.inf
     kept: list[int] = []
     for row in np.argsort(-scores).tolist():
-        if not is_poor[row] and not near[row, kept].any():
+        if relative[row] >= POOR and not near[row, kept].any():
             kept.append(row)
-    if (rows.age[kept] <= _YOUNG).all():
-        most = max(most, MOST_YOUNG)
     kept = kept[:most]
     return np.array(kept), relative[kept] / sum(relative[kept])
 

@@ -19,7 +19,7 @@ from palpate.config import TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, WATCHED, costs_of_contact, single, worth_keeping
+from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
@@ -75,7 +75,7 @@ class HypothesisBank:
         self._rows = single(belief, sign=-1.0 if self.is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
         self._sensor_pose: Array | None = None  # at the last frame
-        self._touched: tuple[Array, float] | None = None  # sensor pose and time [s] of the last frame of contact
+        self._touched: Array | None = None  # sensor pose at the last frame of contact
         self._is_indeterminate = False
         self._begin_rest()
 
@@ -137,8 +137,8 @@ class HypothesisBank:
             times = since, time
             self._rows, is_found = measured_at_rest(self._rows, measurements, times, self._monitor, self._own)
             self._touched = None if is_found else self._touched
-        touched, when = self._touched or (sensor_pose, time)
-        self._monitor.test_rest(self._rows, sensor_pose, touched, time - when)
+        touched = sensor_pose if self._touched is None else self._touched
+        self._monitor.test_rest(self._rows, sensor_pose, touched)
         self._sensor_pose, self._resting_since, self._is_indeterminate = sensor_pose, since, False
 
     def contact_step(
@@ -167,12 +167,12 @@ class HypothesisBank:
             self.contact_step(sensor_pose, measurements, time, from_touch)
             return
         rows = self._rows
-        rows.belief, rows.age = window.belief(), rows.age + 1
+        rows.belief = window.belief()
         rows.disturbed_steps_left = np.maximum(rows.disturbed_steps_left - 1, 0)
         if is_measured or rows.apart.any():
             self._monitor.test_outline(rows, sensor_pose, is_measured)
         self._times, self._steps = step.times[-LAG:], self._steps + 1
-        self._sensor_pose, self._touched = sensor_pose, (sensor_pose, time)
+        self._sensor_pose = self._touched = sensor_pose
         if self._most > 1:
             self._branch_at_alarms(window)
             self._reweight_and_prune(window)
@@ -187,7 +187,7 @@ class HypothesisBank:
         rows.log_prior = rows.log_prior - costs_of_contact(self._window.costs())
         rows.belief = belief.inflated(self._monitor.covariance_of_motion(moved_by))
         rows.displacement = np.zeros_like(rows.displacement)
-        rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.age)
+        rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.next_alarm)
         self._begin_rest()
 
     def _abandon_contact(self, sensor_pose: Array) -> None:
@@ -196,7 +196,7 @@ class HypothesisBank:
         rows, before = self._rows, sensor_pose if self._sensor_pose is None else self._sensor_pose
         pushed = self._monitor.covariance_of_motion(float(np.hypot(*(sensor_pose - before)[:2])))
         rows.belief, rows.weight = rows.belief.inflated(pushed), np.ones(1)
-        rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.age)
+        rows.disturbed_steps_left = rows.next_alarm = np.zeros_like(rows.next_alarm)
         self._begin_rest()
         self._is_indeterminate = True
 
@@ -208,10 +208,9 @@ class HypothesisBank:
         touch = step.measurements[: step.from_touch]
         is_measured = any(isinstance(one, ContactDirection) for one in touch)
         if self._may_be_mirrored and is_measured and (self._rows.sign > 0.0).all():
-            count = len(self._rows.age)
+            count = len(self._rows.weight)
             self._take(np.tile(np.arange(count), 2))
             self._rows.sign = np.repeat([1.0, -1.0], count)
-            self._rows.age = np.zeros_like(self._rows.age)
         rows = self._rows
         self._monitor.test_first_contact(rows, step.sensor_pose)
         rest = rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest)))
@@ -253,9 +252,9 @@ class HypothesisBank:
 
         They are added to the likeliest one that has a new alarm.
         """
-        rows, count = self._rows, len(self._rows.age)
+        rows, count = self._rows, len(self._rows.weight)
         # A contradiction of the less likely way to read images speaks against it, not for a disturbance.
-        is_watched = (rows.weight > WATCHED) & (rows.sign == rows.sign[0])
+        is_watched = (rows.weight > LIKELY) & (rows.sign == rows.sign[0])
         is_watched &= (rows.disturbed_steps_left == 0) & (self._steps >= rows.next_alarm)
         alarmed = np.flatnonzero(is_watched & disturbance_alarms(window)).tolist()
         if not alarmed:
@@ -269,7 +268,7 @@ class HypothesisBank:
         rows.belief = rows.belief.take(~is_new).joined(moved)
         meanwhile = self._times[-1] - self._times[-1 - steps]  # [s]
         rows.log_prior = rows.log_prior + is_new * math.log(self._rate * meanwhile / len(new))
-        rows.weight, rows.age = np.where(is_new, 1.0, rows.weight), np.where(is_new, 0, rows.age)
+        rows.weight = np.where(is_new, 1.0, rows.weight)
         rows.disturbed_steps_left[count:] = AHEAD
         rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
         self._take(~window.rows["is_lost"])
@@ -277,7 +276,7 @@ class HypothesisBank:
     def _reweight_and_prune(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping."""
         kept, weights, sign = np.zeros(1, np.int64), np.ones(1), self._rows.sign
-        if len(self._rows.age) > 1:
+        if len(self._rows.weight) > 1:
             most = self._most if self._is_found else max(self._most, MOST_YOUNG)
             kept, weights = worth_keeping(self._rows, window.costs(), self._settings.priors, most)
             self._take(kept)

@@ -44,7 +44,7 @@ class Run:
     online: Trajectory
     """Estimate at each frame from all frames up to it, with covariance, contact and status."""
     answers: Answers
-    """All answers at each frame, the best first; empty at frames with one, which is the estimate."""
+    """All answers at each frame, the estimate first; empty at frames with one, which is the estimate."""
     step_ms: Array
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
     summary: dict[str, Any]

@@ -34,7 +34,7 @@ class Answer:
 
 
 Answers = tuple[tuple[Answer, ...], ...]
-"""All answers at each of N frames, the best first; none at frames with one, which is the estimate."""
+"""All answers at each of N frames, the estimate first; none at frames with one, which is the estimate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,8 @@ class Estimate:
     reason: str = ""
     """Reason of the status, or a fault of the input stream; empty if there is none."""
     answers: tuple[Answer, ...] = ()
-    """All poses that the object may have, the best first; one where nothing is ambiguous."""
+    """All poses that the object may have: the estimate, which stays until another one is five times as likely, then the
+    others by weight; one where nothing is ambiguous."""
     friction: tuple[float, float] = (math.nan, math.nan)
     """Coulomb friction between sensor and object as learnt so far, with its standard deviation; by the best answer."""
     contact_point: Array | None = None
