@@ -73,7 +73,7 @@ def fails(run_palpate: Callable[..., tuple[int, str, str]]) -> Callable[..., str
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs get an empty picture at once; what they would show is tested in tests/pipeline/test_run_figure.py."""
-    blank = SimpleNamespace(savefig=lambda path, dpi: path.write_bytes(b""))
+    blank = SimpleNamespace(savefig=lambda path, **_: path.write_bytes(b""))
     monkeypatch.setattr("palpate.pipeline.run_folder.run_figure", lambda run: blank)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
+from palpate.geometry.shapes import wrong_width
 from palpate.pipeline.metrics import flag_runs
 from palpate.touch.background import SteadyImages, first_frames
 from palpate.types.recording import Recording
@@ -57,6 +58,8 @@ def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
             question = other_time_unit(1.0 / rate, wanted)
             words = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz"
             yield ("rate", 0, -1, f"{words}{question and ': '}{question}")
+    if wrong := wrong_width(recording.shape):
+        yield ("unit", 0, -1, wrong)
     for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
         try:
             check_metres(name, np.empty((0, 2)) if poses is None else poses[:, :2])
