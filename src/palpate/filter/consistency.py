@@ -26,7 +26,7 @@ from palpate.types.measurements import ObjectPose
 ALARMS = np.full(len(NAMES), np.inf)
 ALARMS[[DIRECTION, PLACE, CONTACT, TURN, STICKING, BALANCE]] = 0.2, 0.2, 0.3, 0.3, 14.0, 6.0
 """Mean squares of the innovations of the last steps [variances] from which something else may have moved the object.
-Where nothing did, directions reach theirs twice in a minute of contact, contact once, and the others less
+Where nothing did, directions reach theirs twice in a minute of contact, the others less than once
 (`docs/study/alarms.json`). Directions tell most of a shove."""
 _SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
 _STILL = 3e-4  # [m] noise of the sensor's own motion
