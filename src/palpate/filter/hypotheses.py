@@ -22,7 +22,7 @@ POOR = 1e-3
 AHEAD = 6
 """Steps after an alarm or the begin of a contact in which something else may move the object."""
 _FRAMES = 10  # of which distances from measured poses are kept
-_STAYS = 0.2  # odds above which the best stays the best: near ties would change places every frame
+_STAYS = 0.2  # weight, relative to the likeliest, above which the last best stays: near ties would swap every frame
 _COST_SHARE = 0.3
 """Share of the costs that counts: weights are then right as often as they say, unless somebody shoves the object."""
 _OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of

@@ -44,7 +44,7 @@ class OwnMeasurements:
     is_right: dict[type, bool] = field(default_factory=dict)
     """Classes so far, and True if their Jacobian is the derivative of their residual."""
     warned: set[type] = field(default_factory=set)
-    """Classes of which a warning has told."""
+    """Classes that a warning has already named."""
 
     def evaluated(self, first: int, g: Array, e: Array, shared: Array, at_rest: bool = False) -> Array:
         """Return the residuals and Jacobians (B, M, 6, 1 + LAST_SIZE) at poses (B, N, 3), those of the `first` step on.
