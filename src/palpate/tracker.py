@@ -21,7 +21,6 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Shape, check_outline
 from palpate.graph import gauss_newton
 from palpate.graph.contact_geometry import contact_model
-from palpate.graph.variables import LAG
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration
@@ -214,11 +213,8 @@ def warm_up() -> None:
     if not is_cached(gauss_newton.improve):
         logger.warning("compiling the estimator: once for this version, some 20 s")
     bank = HypothesisBank(contact_model(Disc(0.05), POINT), TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
-    for step in range(LAG + 3):
+    for step in range(2):
         bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), (), step / 30.0)
-    bank.report(2.0)
-    bank.end_contact()
-    bank.rest_step(np.array([-0.1, 0.0, 0.0]), (), 2.0)
 
 
 def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:

@@ -167,16 +167,10 @@ def _begin_with_past(oldest: Records, row: Records, work: Records) -> None:
 @kernel
 def _write_next_past(second: Records, row: Records, drift: Array, work: Records) -> None:
     """Write what the oldest step will say about the second once it has left; all its factors are in the system."""
+    work.next_system, work.next_gradient = work.system, work.gradient
     system, gradient, past = work.next_system, work.next_gradient, row.next_past
-    for i in range(WIDTH):
-        gradient[i] = work.gradient[i]
-        for j in range(WIDTH):
-            system[i, j] = work.system[i, j]
     is_found = eliminate_step(system, gradient, work.next_root, work.next_y)
-    for i in range(3):
-        past.g[i], past.e[i] = second.g[i], second.e[i]
-    for i in range(SHARED_SIZE):
-        past.shared[i] = row.shared[i]
+    past.g, past.e, past.shared = second.g, second.e, row.shared
     for i in range(LAST_SIZE):
         past.gradient[i] = gradient[STEP_SIZE + i] if is_found else math.nan
         for j in range(i, LAST_SIZE):
@@ -216,9 +210,8 @@ def _add(kind: int, count: int, out: Records, now: Records, system: Array, gradi
 @kernel
 def _move(steps: Records, row: Records, change: Array) -> bool:
     """Move all values, newest step first; False if a change is not finite. `change` (WIDTH,) is room."""
-    largest = 0.0
-    if not substitute_back(STEP_SIZE, row.last_root, row.last_y, change):
-        return False
+    largest = total = 0.0
+    substitute_back(STEP_SIZE, row.last_root, row.last_y, change)
     for i in range(SHARED_SIZE):
         row.shared[i] += change[2 * STEP_SIZE + i]
     for i in range(LAST_SIZE):
@@ -232,13 +225,13 @@ def _move(steps: Records, row: Records, change: Array) -> bool:
         now.object[0], now.object[1], now.object[2] = place.real, place.imag, wrap(now.e[2] - now.g[2])
         for i in range(STEP_SIZE, 2 * STEP_SIZE):
             largest = max(largest, abs(change[i]))
+            total += change[i]  # which is not finite if one of them is not
         if k > 0:
-            if not substitute_back(0, steps[k - 1].root, steps[k - 1].y, change):
-                return False
+            substitute_back(0, steps[k - 1].root, steps[k - 1].y, change)
             for i in range(STEP_SIZE):
                 change[STEP_SIZE + i] = change[i]
     row.change = largest
-    return True
+    return math.isfinite(total)
 
 
 @kernel
@@ -333,8 +326,7 @@ def _put_object_covariance(g: Array, row: Records, work: Records) -> None:
             for k in range(STEP_SIZE, WIDTH):
                 product += by[k] * out.jacobian[j, k]
             row.covariance[i, j] = row.covariance[j, i] = product
-    for i in range(size):
-        out.jacobian[i] = 0.0
+    out.jacobian[:] = 0.0
 
 
 @compiled
@@ -357,24 +349,21 @@ def begin_step(steps: Records) -> None:
 def eliminate(first: int, system: Array, gradient: Array, root: Array, y: Array) -> bool:
     """Eliminate as many numbers as `y` has, from `first` on; False if they are indeterminate.
 
-    Their rows of the upper Cholesky root, and of root^-T gradient, are written to root (len(y), WIDTH) and y.
+    Their rows of the upper Cholesky root, and of root^-T gradient, are written to root (len(y), WIDTH) and y. Rows are
+    computed in full, in loops of constant length, which is quicker than their upper triangle.
     """
     for p in range(len(y)):
         pivot, row = first + p, root[p]
-        total = gradient[pivot]
-        for j in range(pivot, WIDTH):
-            row[j] = system[pivot, j]
-        for q in range(p):
-            pull = root[q, pivot]
-            total -= pull * y[q]
-            for j in range(pivot, WIDTH):
-                row[j] -= pull * root[q, j]
-        if not row[pivot] > 0.0:  # not for NaN either
+        if not system[pivot, pivot] > 0.0:  # not for NaN either
             return False
-        share = 1.0 / math.sqrt(row[pivot])
-        for j in range(pivot, WIDTH):
-            row[j] *= share
-        y[p] = share * total
+        share = 1.0 / math.sqrt(system[pivot, pivot])
+        y[p] = share * gradient[pivot]
+        for j in range(first, WIDTH):
+            row[j] = share * system[pivot, j]
+        for i in range(pivot + 1, first + len(y)):
+            gradient[i] -= row[i] * y[p]
+            for j in range(first, WIDTH):
+                system[i, j] -= row[i] * row[j]
     return True
 
 
@@ -389,26 +378,20 @@ def eliminate_step(system: Array, gradient: Array, root: Array, y: Array) -> boo
     for i in range(STEP_SIZE, WIDTH):
         a, b, c, d, e, f = root[0, i], root[1, i], root[2, i], root[3, i], root[4, i], root[5, i]
         gradient[i] = gradient[i] - a * y[0] - b * y[1] - c * y[2] - d * y[3] - e * y[4] - f * y[5]
-        for j in range(i, WIDTH):
+        for j in range(STEP_SIZE, WIDTH):
             left = system[i, j] - a * root[0, j] - b * root[1, j] - c * root[2, j]
             system[i, j] = left - d * root[3, j] - e * root[4, j] - f * root[5, j]
     return True
 
 
 @kernel
-def substitute_back(first: int, root: Array, y: Array, change: Array) -> bool:
-    """Write the change (WIDTH,) of the numbers from `first` on that were eliminated; False if it is not finite.
-
-    All numbers after them have their change already.
-    """
+def substitute_back(first: int, root: Array, y: Array, change: Array) -> None:
+    """Write the change (WIDTH,) of the numbers from `first` on that were eliminated; those after them have theirs."""
     for c in range(len(y) - 1, -1, -1):
         total = y[c]
         for j in range(first + c + 1, WIDTH):
             total -= root[c, j] * change[j]
         change[first + c] = total / root[c, first + c]
-        if not math.isfinite(change[first + c]):
-            return False
-    return True
 
 
 @kernel
@@ -427,15 +410,13 @@ def substitute_forward(first: int, root: Array, row: Array) -> float:
 @kernel
 def step_into_past(system: Array, gradient: Array) -> None:
     """Make the newer step of a system the older one of the next, whose newer step has no terms yet."""
-    size = STEP_SIZE
-    for i in range(size):
-        gradient[i], gradient[size + i] = gradient[size + i], 0.0
-        for j in range(i, size):
-            system[i, j], system[size + i, size + j] = system[size + i, size + j], 0.0
-        for j in range(size):
-            system[i, size + j] = 0.0
-        for j in range(2 * size, WIDTH):
-            system[i, j], system[size + i, j] = system[size + i, j], 0.0
+    for i in range(STEP_SIZE):
+        gradient[i], gradient[STEP_SIZE + i] = gradient[STEP_SIZE + i], 0.0
+        for j in range(STEP_SIZE):
+            system[i, j], system[STEP_SIZE + i, STEP_SIZE + j] = system[STEP_SIZE + i, STEP_SIZE + j], 0.0
+            system[i, STEP_SIZE + j] = 0.0
+        for j in range(2 * STEP_SIZE, WIDTH):
+            system[i, j], system[STEP_SIZE + i, j] = system[STEP_SIZE + i, j], 0.0
 
 
 @kernel

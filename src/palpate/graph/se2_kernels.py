@@ -20,11 +20,9 @@ _SERIES_BELOW = 0.1  # [rad]; here the series below is exact to rounding and the
 @kernel
 def wrap(angle: float) -> float:
     """Return the same angle in (-pi, pi]."""
-    rest = np.fmod(angle, 2.0 * math.pi)
-    if rest > math.pi:
-        return rest - 2.0 * math.pi
-    if rest <= -math.pi:
-        return rest + 2.0 * math.pi
+    rest = angle if abs(angle) < math.pi else np.fmod(angle, 2.0 * math.pi)
+    if abs(rest) > math.pi or rest == -math.pi:
+        rest -= math.copysign(2.0 * math.pi, rest)
     return rest
 
 

@@ -86,8 +86,7 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
     above.set(xlabel="x [mm]", ylabel="y [mm]")
     above.set_aspect("equal", adjustable="datalim")
     above.grid(alpha=0.25)
-    drawn = draw_moment(above, run, last)
-    for artist in drawn:  # the view has room for it
+    for artist in draw_moment(above, run, last):  # the view has room for it
         artist.set_visible(at_end)
     draw_errors(translation, rotation, run)
     time = online.time - online.time[0]
@@ -138,8 +137,7 @@ def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     online, time = run.online, run.online.time - run.online.time[0]
     distance, angle = deviations(online.covariance)
     shade: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
-    is_scored = bool(run.summary["scored_frames"])
-    truth = run.recording.truth
+    is_scored, truth = bool(run.summary["scored_frames"]), run.recording.truth
     off, turned = translation_errors(online.pose, truth), rotation_errors(online.pose, truth)
     for axes, name, error, sigma, least in (
         (translation, "translation {} [mm]", off * 1e3, distance * 1e3, 0.0),
