@@ -196,6 +196,12 @@ def read_json(path: Path | str) -> dict[str, Any]:
     return json_object(read_text(path), str(path))
 
 
+def write_json(path: Path | str, content: Any, overwrite: bool = True) -> None:
+    """Write a JSON file, whole or not at all. Raises FileError if it exists and `overwrite` is not set."""
+    with whole_file(path, overwrite) as part:
+        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
 def read_arrays(path: Path | str) -> "dict[str, NDArray[Any]]":
     """Return the arrays of a NumPy archive (.npz) by name. Raises FileError."""
     import numpy as np

@@ -39,7 +39,7 @@ class FakeCapture:
         self.size, self.rate, self.corner = size, rate, 0
         self.is_plugged, self.opened, self.released, self.count = True, 0, 0, 0
         self.asked: dict[int, float] = {}
-        self.touched_from = np.inf
+        self.touched_from = self.unplugged_from = np.inf  # [images], for a busy machine takes longer for them
 
     def __call__(self, path: str, api: int) -> "FakeCapture":
         self.opened += self.is_plugged
@@ -52,6 +52,7 @@ class FakeCapture:
     def grab(self) -> bool:
         time.sleep(1.0 / self.rate)
         self.count += 1
+        self.is_plugged &= self.count < self.unplugged_from
         return self.is_plugged
 
     def retrieve(self) -> tuple[bool, Any]:
@@ -141,7 +142,7 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     begin = time.monotonic()
     code, out, err = run_palpate(*REPLAY, "--record", "live.mcap", "--json")
     assert code == 0 and time.monotonic() - begin > (FRAMES - 1) / 60
-    assert err == "" or "without a sensor pose" in err  # by a machine that is very busy
+    assert all("further ones are counted" in line for line in err.splitlines())  # by a machine that is very busy
     found = json.loads(out)
     assert (found["images"], found["sensor_poses"], found["refused_poses"]) == (FRAMES, FRAMES, 0)
     assert found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"] == FRAMES
@@ -185,7 +186,7 @@ def test_a_kill_loses_at_most_the_last_second(caplog):
     palpate.write_recording(replace(imaged_push(), time=np.arange(FRAMES) / 15.0), "push.mcap", overwrite=True)
     words = (*REPLAY, "--record", "live.mcap")
     process = subprocess.Popen([sys.executable, "-m", "palpate", *words], stderr=subprocess.DEVNULL)
-    wait_for(lambda: Path("live.mcap").exists())
+    wait_for(lambda: Path("live.mcap").exists() and Path("live.mcap").stat().st_size > 0)  # images come
     time.sleep(2.0)
     process.kill()
     process.wait()
@@ -210,11 +211,11 @@ def test_a_camera_with_poses_by_udp(camera, run_palpate, fails):
     """Rubbish among the poses is refused; the recording of the session is a recording."""
     port = free_port()
     words = camera_words(f"udp:{port}")
-    camera.touched_from = 150
+    camera.touched_from, camera.unplugged_from = 150, 400
     with sending(lambda n: pose_packet() if n % 5 else RUBBISH[n // 5 % len(RUBBISH)], port):
         assert "folder nowhere does not exist" in fails(*words, "--record", "nowhere/live.mcap")
         assert camera.released == camera.opened == 0
-        code, out, err = run_palpate(*words, "--record", "live.mcap", "--seconds", "3", "--json")
+        code, out, err = run_palpate(*words, "--record", "live.mcap", "--json")
     assert code == 0 and camera.released == camera.opened == 1
     found = json.loads(out)
     assert "a sensor pose is refused: " in err and all(len(line) < 400 for line in err.splitlines())
@@ -231,14 +232,8 @@ def test_a_camera_with_poses_by_udp(camera, run_palpate, fails):
 
 
 def test_poses_are_lost_and_come_back_and_a_lost_camera_ends_it(camera, run_palpate):
-    port = free_port()
-    begin = time.monotonic()
-
-    def packet(number: int) -> bytes:
-        camera.is_plugged = time.monotonic() - begin < 4.0
-        return b"stalled" if 2.0 < time.monotonic() - begin < 2.4 else pose_packet()
-
-    with sending(packet, port):
+    port, camera.unplugged_from = free_port(), 400
+    with sending(lambda n: b"stalled" if 200 < camera.count < 240 else pose_packet(), port):
         code, out, err = run_palpate(*camera_words(f"udp:{port}"), "--record", "live.mcap", "--json")
     found = json.loads(out)
     assert code == 0 and camera.opened == camera.released == 1
@@ -251,8 +246,8 @@ def test_poses_are_lost_and_come_back_and_a_lost_camera_ends_it(camera, run_palp
 @pytest.mark.parametrize(("size", "orientation"), [((240, 320), ""), ((480, 640), ""), ((480, 640), "270")])
 def test_images_as_a_digit_gives_them_are_turned_scaled_and_late(size, orientation, camera, run_palpate):
     """Landscape, where digit-interface turns them counter-clockwise, and 0.2 s late; poses are those of a flange."""
-    camera.size, camera.corner, port = size, 100, free_port()
-    words = (*camera_words(f"udp:{port}"), "--record", "live.mcap", "--seconds", "2", "--time-offset", "-0.2")
+    camera.size, camera.corner, camera.unplugged_from, port = size, 100, 250, free_port()
+    words = (*camera_words(f"udp:{port}"), "--record", "live.mcap", "--time-offset", "-0.2")
     words += ("--orientation", orientation) if orientation else ()
     words += ("--sensor-T-gel", *map(str, (0.1, 0.05, 0.1, 1.0, 0.0, 0.0, 0.0)))
     with sending(lambda n: pose_packet((0.01 * (time.time() % 1000.0), 0.1, 0.2, 1.0, 0.0, 0.0, 0.0)), port):

@@ -231,16 +231,13 @@ FORKED = few_images() + still("base left", "base right")
         ),
         (FORKED + still("lost tag"), {"sensor_poses": "left:tag"}, "no chain of transforms leads from 'left' to 'tag'"),
         (few_images() + still("a b", "b a"), {"sensor_poses": "a:b"}, "transforms run in a circle: a < b < a"),
+        (few_images() + poses()[1:] + poses(frame="map")[:1], {}, "/ee_pose: .* in several frames, 'map', 'world'"),
         (few_images() + still("a x", "b x"), {"sensor_poses": "a:x"}, "frame x has 2 parents, a and b"),
     ],
 )
 def test_what_is_ambiguous_is_listed(tmp_path, messages, choices, words):
     with pytest.raises(FileError, match=words):
         read(tmp_path, messages, **choices)
-
-
-def test_one_of_two_image_topics_is_named(tmp_path):
-    assert len(read(tmp_path, TWO_IMAGES + poses(), images="/other")) == 6
 
 
 def test_images_without_a_pose_are_left_out_and_counted(tmp_path, caplog):
@@ -255,8 +252,8 @@ def test_images_without_a_pose_are_left_out_and_counted(tmp_path, caplog):
         read(tmp_path / "one", few_images() + poses()[1:2])
 
 
-def test_time_offset_is_added_to_images(tmp_path):
-    recording = read(tmp_path, few_images() + poses(), time_offset=0.015)
+def test_time_offset_is_added_to_the_images_that_are_named(tmp_path):
+    recording = read(tmp_path, TWO_IMAGES + poses(), images="/other", time_offset=0.015)
     assert recording.time.tolist() == ((image_times(6) + 15_000_000) / 1e9).tolist()
     same_poses(recording.sensor_pose, true_pose(image_times(6) + 15_000_000))
 
@@ -309,12 +306,6 @@ def lifted(height: Any, turn: Rotation = LEVEL) -> list[Message]:
         content = {"header": header(time), "pose": pose_content([*pose[:2], height((time - START) * 1e-9)], rotation)}
         found.append(Message("/ee_pose", int(time), "geometry_msgs/msg/PoseStamped", content))
     return found
-
-
-def test_poses_of_one_topic_in_several_frames_are_refused(tmp_path):
-    mixed = [*poses()[:5], *poses(frame="map")[5:6], *poses()[6:]]
-    with pytest.raises(FileError, match="/ee_pose: poses are given in several frames, 'map', 'world'"):
-        read(tmp_path / "a", few_images(3) + mixed)
 
 
 def test_poses_off_the_plane_are_refused_unless_they_are_allowed(tmp_path):

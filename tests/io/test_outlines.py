@@ -159,6 +159,7 @@ def test_a_drawing_is_read_as_it_is_seen():
 CLIPS = (
     '<clipPath id="c"><rect width="40" height="90"/></clipPath>'
     '<clipPath id="d" transform="scale(0.5)"><use href="#r"/></clipPath>'
+    '<clipPath id="e" clipPathUnits="objectBoundingBox"><rect x="0.25" width="0.5" height="0.5"/></clipPath>'
     '<defs><rect id="r" y="30" width="99" height="40"/></defs>'
 )
 
@@ -170,6 +171,7 @@ CLIPS = (
         ("<style>.k{clip-path: url(#c)}</style>" + CLIPS + '<rect class="k" width="60" height="20"/>', (40, 20)),
         (CLIPS + '<rect transform="translate(9 9)" width="60" height="20" clip-path="url(\'#c\')"/>', (40, 20)),
         (CLIPS + '<g clip-path="url(#c)"><rect clip-path="url(#d)" x="10" width="60" height="30"/></g>', (30, 15)),
+        (CLIPS + '<g transform="rotate(90)" clip-path="url(#e)"><rect y="-70" width="60" height="40"/></g>', (20, 30)),
         (CLIPS + '<rect clip-path="url(#nothing)" width="60" height="20"/>', (60, 20)),
         (CLIPS + '<path clip-path="url(#d)" fill="none" stroke="red" d="M2 16H30V30H2Z"/>', (28, 14)),
         ('<rect width="100" height="50" fill="#fff"/><rect width="60" height="20"/>', (60, 20)),

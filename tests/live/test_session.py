@@ -93,12 +93,20 @@ def test_while_a_step_runs_only_the_newest_image_waits():
 
 def test_a_slow_step_at_60_hz_drops_what_it_must_and_listeners_get_all():
     times, heard = 0.05 + np.arange(60) / 60, list[Any]()
-    tracker = FakeTracker(lambda frame: time.sleep(0.04))
+    took: list[float] = []  # [s] a step; a busy machine sleeps longer
+
+    def step(frame):
+        begin = time.monotonic()
+        time.sleep(0.04)
+        took.append(time.monotonic() - begin)
+
+    tracker = FakeTracker(step)
     session, _ = run(tracker, times, times - 0.002, heard.append)
-    assert session.counts["images"] == 60 and 10 <= session.counts["tracked"] <= 29
+    assert session.counts["images"] == 60 and session.counts["tracked"] <= 29 and sum(took) > 0.4
     found = session.summary()
     assert found["rate_hz"] == pytest.approx(60.0)
-    assert 40.0 <= found["latency_ms"]["p50"] <= 100.0 and (found["status"], found["reason"]) == ("resting", "")
+    assert 40.0 <= found["latency_ms"]["p50"] <= 2.5e3 * np.median(took)
+    assert (found["status"], found["reason"]) == ("resting", "")
     taken = [frame.time for frame in tracker.frames]
     assert np.all(np.diff(taken) > 0.0) and set(taken) <= set(times)
     assert [frame.sensor_pose[0] for frame in tracker.frames] == pytest.approx(taken, abs=0.02)

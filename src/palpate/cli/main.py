@@ -6,6 +6,7 @@ import inspect
 import io
 import logging
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -47,6 +48,8 @@ def main(args: Sequence[str] | None = None) -> int:
         if getattr(sys, name) is None:  # closed by the shell
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
     words = list(sys.argv[1:] if args is None else args)
+    if args is None:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a cancelled job leaves files in order, as Ctrl-C
     debug, as_json = "--debug" in words, "--json" in words
     words = [word for word in words if word not in ("--debug", "--json")]
     if words == ["--version"]:
@@ -82,6 +85,8 @@ def main(args: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return made.code
     except KeyboardInterrupt:
+        way = "--resume" if "resume" in inspect.signature(command).parameters else "the same command"
+        complain("stopped" + f"; {way} goes on" * (way == "--resume" or command is known["paper"]))
         return 130
     except BrokenPipeError:  # the reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,6 +1,5 @@
 """`palpate info`, `convert` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
 
-import math
 from dataclasses import asdict
 from math import degrees
 from pathlib import Path
@@ -13,13 +12,7 @@ from palpate.errors import FileError, SettingError
 from palpate.files import in_file, new_file, numbers_of, read_json
 
 
-def info(
-    file: Annotated[Path, arg("FILE")],
-    /,
-    *,
-    sensor: Sensor = "digit",
-    orientation: Orientation = "",
-) -> Report:
+def info(file: Annotated[Path, arg("FILE")], /, *, sensor: Sensor = "digit", orientation: Orientation = "") -> Report:
     """Show the contents of a recording (rates, gaps, contacts, truth), a bag, a calibration or a run, and its problems.
 
     Example: palpate info push.mcap
@@ -194,7 +187,7 @@ def calibrate(
             assert reader
             calibration, scatter = learn_from_presses(pressed, calibration, profile, reader)
         numbers |= {"presses": len(pressed.images), "keeps_left_and_right": calibration.view.keeps_left_and_right}
-        numbers["scatter_deg"] = math.degrees(scatter)
+        numbers["scatter_deg"] = degrees(scatter)
     notes = [] if presses is None else ["Presses find left and right only; up and down may be wrong."]
     if reader and pushed:
         with progress_bar(f"fitting {len(pushed)} pushes"):

@@ -109,8 +109,8 @@ def _read_svg(path: Path, scale: float | None) -> Polygon:
 
     try:
         data = unpacked(path)
-        if re.search(rb"\bmask\s*[:=]|<symbol\b[^>]*\bviewBox|clipPathUnits\W+objectB", data):
-            logger.warning("%s: masks, scales of symbols, and clips in units of their own are not applied", path)
+        if re.search(rb"\bmask\s*[:=]|<symbol\b[^>]*\bviewBox", data):
+            logger.warning("%s: masks, and scales of symbols, are not applied", path)
         data = re.sub(rb"(?s)<(mask|marker|foreignObject)\b[^>]*?(/>|>.*?</\1>)", b"", data)  # are not drawn themselves
         clips = re.compile(rb"(?s)<clipPath\b.*?</clipPath>")  # hold where they are used, not where they stand
         data = re.sub(
@@ -136,8 +136,14 @@ def _seen_lines(group: Any, page: Any, area: Any = None) -> Iterator[Array]:
 
     for part in group:
         inner, clip, values = area, getattr(part, "clip_path", None), part.values
-        if clip is not None and clip.unit_type == "userSpaceOnUse":
-            place = ~Matrix(page.viewbox_transform) * Matrix(values.get("transform", ""))
+        if clip is not None:
+            place = Matrix(values.get("transform", ""))
+            if clip.unit_type == "objectBoundingBox":
+                inside = [part] if isinstance(part, Shape) else part.select()
+                boxes = [Path(each) * ~place for each in inside if isinstance(each, Shape)]
+                left, top, right, bottom = Group.union_bbox(boxes) or (0.0, 0.0, 0.0, 0.0)
+                place = Matrix(right - left, 0.0, 0.0, bottom - top, left, top) * place
+            place = ~Matrix(page.viewbox_transform) * place
             shapes = [Path(each) * place for each in Group.select(clip) if isinstance(each, Shape)]
             inner = _area(line for each in shapes for line in _svg_lines(each))
             inner = inner if area is None else shapely.intersection(area, inner)

@@ -55,14 +55,12 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
         raise SettingError(f"found a {found} to write, expected a Recording; that of read_bag is its .recording")
     stamps = ros.nanoseconds(path, recording.time)
     plane, truth = flat(), recording.object_pose
-    about = {"source": recording.source}
-    for name in STATED:
-        if (value := getattr(recording, name)) is not None:
-            about[name] = json.dumps(np.asarray(value).tolist())
+    stated = {name: getattr(recording, name) for name in STATED}
+    about = {name: json.dumps(np.asarray(value).tolist()) for name, value in stated.items() if value is not None}
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
     with ros.new_mcap(path, overwrite) as file:
-        describe(file, recording.shape, recording.sensor, about)
+        describe(file, recording.shape, recording.sensor, about | {"source": recording.source})
         for name, array in arrays.items():
             if array is not None:
                 data = io.BytesIO()

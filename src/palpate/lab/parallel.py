@@ -82,7 +82,7 @@ def _processes(workers: int) -> Iterator[Executor]:
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
     cv2.setNumThreads(1)  # nor do OpenCV's, for which a forked worker would wait for ever
     try:
-        with ProcessPoolExecutor(workers, get_context(method), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
+        with ProcessPoolExecutor(workers, get_context(method), _die_silently) as pool:
             try:
                 yield pool
             finally:
@@ -114,6 +114,11 @@ def _cluster(address: str) -> Iterator[Executor]:
 def _alone(function: Callable[[Item], Result], item: Item) -> Result:
     cv2.setNumThreads(1)  # many processes would fight for cores
     return function(item)
+
+
+def _die_silently() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def _died() -> SettingError:

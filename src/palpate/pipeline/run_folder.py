@@ -1,6 +1,5 @@
 """The folder of a tracking run."""
 
-import json
 import os
 import shutil
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import palpate
 from palpate.errors import FileError
+from palpate.files import write_json
 from palpate.io.estimates import write_estimates_csv, write_estimates_mcap
 from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.figures import draw, run_figure
@@ -72,4 +72,4 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     if file is None:
         write_recording(run.recording, folder / RECORDING)
     for name, data in (("settings.json", settings), (SUMMARY, run.summary)):  # last of all: a folder with both is whole
-        (folder / name).write_text(json.dumps(data, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(folder / name, data)

@@ -80,12 +80,12 @@ def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
             moving += above.plot(*outline_at(run, answer.pose), color=OTHERS, lw=1.0)
         moving += [each.axvline(time[frame], color="black", lw=1.0) for each in plots]
         words.set_text(f"{time[frame]:.2f} s\n{run.online.status[frame]}")
-        image = None
-        with suppress(FileError):  # of a damaged one
-            image = run.recording[frame].image
-        if image is not None:
-            seen.set_data(image)
-        for artist in (*moving, words, *([] if image is None else [seen])):
+        shown = [*moving, words]
+        with suppress(FileError):  # of a damaged image
+            if (image := run.recording[frame].image) is not None:
+                seen.set_data(image)
+                shown.append(seen)
+        for artist in shown:
             figure.draw_artist(artist)
         yield np.array(canvas.buffer_rgba())[..., :3]
         for artist in moving:

@@ -1,13 +1,15 @@
 """The paper's system: pairs, networks and graph by hand, and the command."""
 
+import signal
+import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from palpate import Rectangle, SensorProfile
-from palpate.cli.main import main
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
 from palpate.lab.paper.transform_network import expanded, fit_linear, reversed_pairs, validation_loss
@@ -73,7 +75,22 @@ def test_the_deviation_of_touch_follows_from_errors_that_last():
 
 
 @pytest.mark.parametrize("name", ["gtsam", "torch", "mujoco"])
-def test_missing_extras_are_named(name, capsys, monkeypatch):
+def test_missing_extras_are_named(name, fails, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)
-    assert main(["paper", "--out", "nowhere"]) == 2
-    assert f"palpate paper needs {name}, which is not installed" in capsys.readouterr().err
+    assert f"palpate paper needs {name}, which is not installed" in fails("paper", "--out", "nowhere")
+
+
+def test_a_study_that_is_stopped_goes_on(fails, tmp_path):
+    seen: set[tuple[str, int]] = set()
+    words = [sys.executable, "-m", "palpate", "paper", "--small", "--out", "."]
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+            while process.poll() is None and len([*tmp_path.glob("train/[!.]*")]) <= len(seen):
+                time.sleep(0.1)
+            process.send_signal(number)
+            assert process.communicate()[1] == "palpate: stopped; the same command goes on\n"
+        assert process.returncode == 130 and not [*tmp_path.rglob(".*")]
+        found = {(path.name, path.stat().st_mtime_ns) for path in tmp_path.glob("train/*.mcap")}
+        assert seen < found
+        seen = found
+    assert "--small or --full, not both" in fails("paper", "--small", "--full", "--out", tmp_path)

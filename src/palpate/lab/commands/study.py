@@ -78,6 +78,7 @@ def evaluate(
 def paper(
     *,
     out: Annotated[Path, arg("FOLDER", "required")],
+    small: bool = False,
     full: bool = False,
     seed: Annotated[int, arg("N")] = 0,
     workers: Workers = Workers(),
@@ -88,15 +89,18 @@ def paper(
 
     Args:
         out: Folder of the study. Finished parts in it are kept, so that an interrupted run continues.
+        small: A few short sequences, to see it all in a few minutes; its numbers say little.
         full: As many sequences as the paper has, which takes hours.
         seed: The same seed gives the same recordings.
     """
     required("palpate paper", "sim,train,paper", "gtsam", "mujoco", "torch")
-    from palpate.lab.paper.study import FULL, PaperSettings, run
+    from palpate.lab.paper.study import FULL, SMALL, PaperSettings, run
 
     if seed < 0:
         raise SettingError(f"seed is {seed}; allowed is 0 or more")
-    settings = replace(FULL if full else PaperSettings(), seed=seed)
+    if small and full:
+        raise SettingError("palpate paper takes --small or --full, not both")
+    settings = replace(SMALL if small else FULL if full else PaperSettings(), seed=seed)
     results = run(out, settings, progress_bar, workers.workers, workers.dask)
     tables = {"table2": results["table2"], "tracking": results["tracking"]}
     return Report("experiments of the paper", tables, {"folder": str(out), **tables})

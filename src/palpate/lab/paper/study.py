@@ -1,6 +1,5 @@
 """The paper's experiments from nothing: recordings, models with Table II, tracking, figures (paper Sec. V)."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Array
 from palpate.errors import EstimationError, FileError
-from palpate.files import read_json, whole_file
+from palpate.files import read_json, whole_file, write_json
 from palpate.geometry.shapes import Disc
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
@@ -64,6 +63,8 @@ class PaperSettings:
 
 FULL = PaperSettings(train=40, test=50, seconds=15.0, steps=2000, pairs=100_000)
 """As many sequences as the paper has."""
+SMALL = PaperSettings(train=4, test=1, seconds=5.0, steps=100, pairs=2000)
+"""Enough to see every part and figure."""
 
 
 def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: str | None = None) -> dict[str, Any]:
@@ -74,7 +75,7 @@ def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: st
     out.mkdir(parents=True, exist_ok=True)
     if (out / "settings.json").exists() and (found := read_json(out / "settings.json")) != asdict(settings):
         raise FileError(f"{out}: holds a study with settings {found}; take another folder")
-    _write_json(out / "settings.json", asdict(settings))
+    write_json(out / "settings.json", asdict(settings))
     shapes = {name: load_shape(outline) for name, outline in SHAPES.items()}
     for name, count, seconds, seed in (
         ("train", settings.train, settings.seconds, 2 * settings.seed + 1),
@@ -108,7 +109,7 @@ def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: st
         "settings": asdict(settings),
         "sequences": len(files),
     }
-    _write_json(out / "results.json", results)
+    write_json(out / "results.json", results)
     with bar("figures", 1) as progress:
         write_figures(out, study.trials)
         _draw(out, files, study.trials)
@@ -164,7 +165,7 @@ def _learn(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str
     deviations = _tactile_sigmas(network, weights, validation["combined"])
     with whole_file(out / "model.pt", overwrite=True) as part:
         torch.save({"network": network.state_dict(), "weights": torch.from_numpy(weights)}, part)
-    _write_json(out / "models.json", {"table2": losses, "deviations": deviations})
+    write_json(out / "models.json", {"table2": losses, "deviations": deviations})
 
 
 def _read(path: Path) -> tuple[str, Images]:
@@ -246,8 +247,3 @@ def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
     summary = summarise(online, truth, took, yaw_shows=not isinstance(recording.shape, Disc))
     first = truth[0], np.array(CAPTURE)
     return Run(recording, settings.tracker, None, None, *first, online, (), took, summary)
-
-
-def _write_json(path: Path, content: Mapping[str, Any]) -> None:
-    with whole_file(path, overwrite=True) as part:
-        part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

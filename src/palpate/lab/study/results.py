@@ -12,7 +12,6 @@
 """
 
 import csv
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import palpate
-from palpate.files import whole_file
+from palpate.files import whole_file, write_json
 from palpate.lab.study.study import Study, StudySettings, Trial, described
 from palpate.pipeline.metrics import gain_by_rescaling, inside_95, since_contact
 
@@ -92,8 +91,7 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
     In the table, a name that a spreadsheet would run as a formula gets an apostrophe.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with whole_file(folder / "results.json", overwrite=True) as part:
-        part.write_text(json.dumps(results, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(folder / "results.json", results)
     rows = []
     for trial in trials:
         row = {"recording": trial.recording, "group": trial.group, "tactile": trial.method, "lost": is_lost(trial)}

@@ -21,7 +21,7 @@ import palpate
 from palpate.arrays import Array, Flags
 from palpate.config import TrackerSettings
 from palpate.errors import FileError, PalpateError, SettingError, ShapeError
-from palpate.files import read_arrays, read_json, whole_file
+from palpate.files import read_arrays, read_json, whole_file, write_json
 from palpate.geometry.shapes import shape_to_dict
 from palpate.io import load_recording
 from palpate.lab.parallel import held_folder, quiet, spread
@@ -196,8 +196,7 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
     """Write the settings to an empty folder, or check that those in it are the same."""
     path, now = out / "study.json", json.loads(json.dumps(described(settings)))
     if not any(not each.name.startswith(".") for each in out.iterdir()):
-        with whole_file(path) as part:
-            part.write_text(json.dumps({**FORMAT, "made_with": now}, indent=1) + "\n", encoding="utf-8")
+        write_json(path, {**FORMAT, "made_with": now})
         return
     if not resume:
         raise FileError(f"{out}: is not empty; --resume continues a study, --out names another folder")

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from palpate.arrays import Image
 from palpate.errors import FileError, SettingError
-from palpate.files import whole_file
+from palpate.files import whole_file, write_json
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.graph.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.lab.parallel import held_folder
@@ -130,8 +130,7 @@ def train(
                 "left_out": {str(file): why for file, why in failed.items()},
             },
         }
-        with whole_file(work / "results.json", overwrite=True) as part:
-            part.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
+        write_json(work / "results.json", results)
         training = {
             "seed": settings.seed,
             "touch": asdict(descent),
@@ -292,5 +291,4 @@ def write_model(folder: Path, settings: ModelSettings, network: bytes) -> None:
         part.write_bytes(network)
     written = {"format": touch_model.FORMAT, "version": touch_model.VERSION, "settings": plain}
     written["hash"] = touch_model.fingerprint(plain, network)
-    with whole_file(folder / "model.json", overwrite=True) as part:
-        part.write_text(json.dumps(written, indent=2) + "\n", encoding="utf-8")
+    write_json(folder / "model.json", written)

@@ -4,7 +4,6 @@ The camera stands still. The table's tags give its pose. The apparent size of an
 table; its corners in the plane at that height give its pose, and their distance from a square its uncertainty.
 """
 
-import json
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from palpate.arrays import Array, Image
 from palpate.checks import NUMBERS, checked_array
 from palpate.errors import FileError
-from palpate.files import existing_file, in_file, read_json, whole_file
+from palpate.files import existing_file, in_file, read_json, write_json
 from palpate.geometry import se2
 from palpate.lab.truth.tags import OBJECT, SENSOR, TABLE, Tag, board, find_tags
 
@@ -82,8 +81,7 @@ def calibrated(pictures: Iterable[Image]) -> Camera:
 
 def save_camera(camera: Camera, path: Path, overwrite: bool = False) -> None:
     """Write a camera as JSON. Raises FileError if the file exists and `overwrite` is not set."""
-    with whole_file(path, overwrite) as part:
-        part.write_text(json.dumps(asdict(camera), indent=2) + "\n", encoding="utf-8")
+    write_json(path, asdict(camera), overwrite)
 
 
 def load_camera(path: Path) -> Camera:

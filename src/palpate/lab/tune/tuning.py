@@ -7,7 +7,6 @@ An evaluation tracks all recordings anew. COBYQA models the score by a quadratic
 evaluations; it works on logarithms, since noise is a matter of factors.
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -21,7 +20,7 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.config import FORMAT, VERSION, NoiseSettings, TrackerSettings
 from palpate.errors import EstimationError, FileError, PalpateError, SettingError
-from palpate.files import whole_file
+from palpate.files import write_json
 from palpate.lab.parallel import spread
 from palpate.lab.study.recordings import group_of
 from palpate.lab.study.study import StudySettings, track_file
@@ -235,5 +234,4 @@ def _setting(settings: TrackerSettings, name: str) -> Any:
 def write_noise(noise: NoiseSettings, path: Path | str, tuned: dict[str, Any], overwrite: bool = False) -> None:
     """Write a settings file, whole or not at all; `tuned` is a JSON object on how they were found."""
     content = {"format": FORMAT, "version": VERSION, "noise": asdict(noise), "tuned": tuned}
-    with whole_file(path, overwrite) as part:
-        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(path, content, overwrite)
