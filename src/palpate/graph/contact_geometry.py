@@ -115,8 +115,7 @@ def contact_model(shape: Shape, sensor: SensorProfile) -> ContactModel:
     field = DistanceField.of(shape, margin=max(_FIELD_MARGIN, 2.0 * sensor.radius))
     parts = np.array([complex(x, y) for x, y in sensor.round_centers.tolist()])
     c = shape.friction_radius()
-    tips = sensor.centers
-    span = float(np.linalg.norm(tips[:, None] - tips, axis=-1).max())
+    span = float(np.linalg.norm(sensor.centers[:, None] - sensor.centers, axis=-1).max())
     return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span, _corners(shape))
 
 

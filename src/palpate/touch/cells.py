@@ -37,8 +37,8 @@ def is_grey(image: Image | Levels) -> bool:
     """Return true if all channels of an image (height, width, 3) are equal, also in a black one."""
     if image.ndim != 3:
         return False
-    sparse = image[::SPARSE, ::SPARSE]
-    return bool((sparse == sparse[..., :1]).all())
+    red, green, blue = (image[::SPARSE, ::SPARSE, channel] for channel in range(3))
+    return bool((red == green).all() and (green == blue).all())
 
 
 def cell_width(height: int, width: int) -> float:
@@ -100,9 +100,10 @@ def change_in_light(image: Levels, untouched: Levels, columns: int | None = None
 def _planes(cells: Levels, untouched: Levels) -> Light:
     """Return the light in cells relative to the untouched gel's, by reweighted least squares from the median on."""
     seen, known = (np.ascontiguousarray(each.transpose(2, 0, 1)) for each in (cells, untouched))
-    ratios = np.sort((seen / np.maximum(known, np.float32(1.0))).reshape(len(seen), -1))
-    planes, count = np.zeros((len(seen), 3)), ratios.shape[1]
-    planes[:, 0] = 0.5 * (ratios[:, (count - 1) // 2] + ratios[:, count // 2])
+    planes, count = np.zeros((len(seen), 3)), known[0].size
+    middle = [(count - 1) // 2, count // 2]
+    ratios = np.partition((seen / np.maximum(known, np.float32(1.0))).reshape(len(seen), -1), middle)
+    planes[:, 0] = ratios[:, middle].mean(axis=1)
     _fit(seen, known, planes, np.empty((3, 4)))
     return planes
 
