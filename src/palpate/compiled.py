@@ -6,11 +6,13 @@ call are `kernel`s: machine code in their callers alone, without an entry for Py
 
 import hashlib
 import os
+import sys
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 import numba
@@ -30,6 +32,14 @@ if not {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"} & set(os.environ):
             folder = Path(tempfile.mkdtemp(prefix="palpate-"))
         config.CACHE_DIR = str(folder)  # pyright: ignore
 
+# Numba looks if SciPy's linear algebra is there, which takes 0.1 s and 15 MB, and imports it again where it is used.
+if "scipy.linalg" not in sys.modules:
+    for name in ("scipy.linalg", "scipy.linalg.cython_blas"):
+        sys.modules[name] = ModuleType(name)
+    import numba.np.arraymath
+
+    del sys.modules["scipy.linalg"], sys.modules["scipy.linalg.cython_blas"]
+
 
 def kernel(function: F) -> F:
     """Compile a function into the compiled functions that call it; Python cannot call it."""
@@ -42,11 +52,6 @@ def compiled(function: F, **options: Any) -> F:
     with suppress(RuntimeError):  # no folder for a cache can be written
         made._cache = _Cache(function)
     return made
-
-
-def folder_of(function: Any) -> Path | None:
-    """Return the folder in which code of a compiled function is kept, if it is."""
-    return Path(function._cache.cache_path) if function._cache.cache_path else None
 
 
 def is_cached(function: Any) -> bool:

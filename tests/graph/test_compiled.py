@@ -10,7 +10,7 @@ import pytest
 from numba.core import config
 
 from palpate import compiled
-from palpate.compiled import folder_of, is_cached
+from palpate.compiled import is_cached
 
 SOURCE = """
 from palpate.compiled import compiled
@@ -26,19 +26,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The cache's folder for a module in tmp_path."""
     (tmp_path / "module.py").write_text(SOURCE)
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
-    found = folder_of(loaded(tmp_path))
-    assert found is not None and found.is_relative_to(tmp_path / "cache")
+    found = Path(loaded(tmp_path)._cache.cache_path)
+    assert found.is_relative_to(tmp_path / "cache")
     return found
 
 
-def test_code_of_a_user_without_a_home_is_kept_in_a_temporary_place(tmp_path):
+def test_code_of_a_user_without_a_home_is_kept_in_a_temporary_place_and_linear_algebra_is_there(tmp_path):
     code = """
-import pwd, sys
+import numba, numpy, pwd, sys
 def nobody(*_): raise KeyError
 pwd.getpwuid = nobody
 import palpate.compiled
-from numba import config
-sys.exit(config.CACHE_DIR)
+assert (numba.njit(lambda a: numpy.linalg.inv(a))(numpy.eye(2)) == sys.modules["scipy.linalg"].inv(numpy.eye(2))).all()
+sys.exit(numba.config.CACHE_DIR)
 """
     words = [sys.executable, "-c", code]
     environment = {"TMPDIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)}

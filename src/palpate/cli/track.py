@@ -124,10 +124,9 @@ def warm_up() -> Report:
 
     Example: palpate warm-up
     """
-    from palpate.compiled import folder_of
     from palpate.graph.gauss_newton import improve
 
-    if (folder := folder_of(improve)) is None:
+    if not (folder := improve._cache.cache_path):  # pyright: ignore[reportFunctionMemberAccess]
         raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
     palpate.Tracker(palpate.Disc(0.05), palpate.DIGIT, None, palpate.TrackerSettings("learnt"))
     return Report("compiled code", {"folder": str(folder)})

@@ -111,8 +111,8 @@ class HypothesisBank:
         if window is not None:
             last, (x, y, theta) = window.last(0), belief.pose[0].tolist()
             turn = complex(math.cos(theta), math.sin(theta))
-            point = _vector(complex(x, y) + turn * last["touch"]["point"])
-            normal = _vector(turn * last["touch"]["normal"] / abs(last["touch"]["normal"]))
+            point = np.array([complex(x, y) + turn * last["touch"]["point"]]).view(np.float64)
+            normal = np.array([turn * last["touch"]["normal"] / abs(last["touch"]["normal"])]).view(np.float64)
         return Estimate(
             time=time,
             pose=belief.pose[0].copy(),
@@ -308,7 +308,3 @@ class HypothesisBank:
         self._rows = self._rows.take(places)
         if self._window is not None:
             self._window.take(places)
-
-
-def _vector(number: complex) -> Array:
-    return np.array([number.real, number.imag])
