@@ -61,7 +61,7 @@ class Tracker:
         `set_up_sigma`. `touch` is an object of your own that measures in place of the touch model. Unless the
         calibration or `is_view_known` says that images are upright, the tracker finds out if they are.
 
-        The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
+        The first tracker of a process takes half a second to load compiled code, the very first 12 s to compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
         settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
@@ -211,7 +211,7 @@ class Tracker:
 def warm_up() -> None:
     """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
     if not is_cached(gauss_newton.improve):
-        logger.warning("compiling the estimator: once for this version, some 20 s")
+        logger.warning("compiling the estimator: once for this version, some 12 s")
     bank = HypothesisBank(contact_model(Disc(0.05), POINT), TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
     for step in range(2):
         bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), (), step / 30.0)
