@@ -42,7 +42,7 @@ def test_names_and_lengths():
     [
         "0 0\n90 0\n90 60\n0 60\n",
         "x,y\n0,0\n90,0\n90,60\n0,60\n",
-        "# mm\n0;0\n90;0\n90;60\n0;60",
+        "sep=;\n% mm # or so\n0;0\n90;0\n90;60\n0;60",
         "0,0 0\n9,0e1 0\n90 60,0\n0 60",
     ],
 )
@@ -122,8 +122,9 @@ def test_dxf():
     assert extent_of(load_shape(drawing(1, lambda space: space.add_circle((0, 0), 2)))) == pytest.approx(
         0.1016, rel=1e-3
     )
-    with pytest.raises(FileError, match="has no unit"):
-        load_shape(drawing(0, draw_l))
+    for none in (0, 8):  # microinches
+        with pytest.raises(FileError, match=r"has no unit that is known \(.INSUNITS is"):
+            load_shape(drawing(none, draw_l))
     assert apart(load_shape("a.dxf", unit="mm"), ELL * 1e-3) < 1e-6
     rounded = [(0, 0, 0), (60, 0, 1.0), (60, 40, 0), (0, 40, 0)]  # a half circle at the right end
     drawing(4, lambda space: space.add_lwpolyline(rounded, format="xyb", close=True))
@@ -174,7 +175,7 @@ CLIPS = (
         (CLIPS + '<g transform="rotate(90)" clip-path="url(#e)"><rect y="-70" width="60" height="40"/></g>', (20, 30)),
         (CLIPS + '<rect clip-path="url(#nothing)" width="60" height="20"/>', (60, 20)),
         (CLIPS + '<path clip-path="url(#d)" fill="none" stroke="red" d="M2 16H30V30H2Z"/>', (28, 14)),
-        ('<rect width="100" height="50" fill="#fff"/><rect width="60" height="20"/>', (60, 20)),
+        ('<rect width="100" height="50" fill="#fff" stroke="white"/><rect width="60" height="20"/>', (60, 20)),
         ('<path d="M10 10H70V30H10"/>', (60, 20)),  # filled, so seen as closed
     ],
 )

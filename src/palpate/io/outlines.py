@@ -73,7 +73,7 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
 
 def _read_table(path: Path, scale: float | None) -> Shape:
     """Return the outline through points x y, one a line, in a unit of `scale` [m]."""
-    rows = table_rows(re.sub("#.*", "", read_text(path)), path)
+    rows = table_rows(re.sub("(?m)[#%].*|^sep=.$", "", read_text(path)), path)
     if rows and all(numbers_of([word]) is None for word in rows[0][1]):
         names = [column_name(word) for word in rows.pop(0)[1]]
         matches = [(re.fullmatch(r"([xy])(?:_(mm|cm|m|in))?", name), index) for index, name in enumerate(names)]
@@ -153,7 +153,8 @@ def _seen_lines(group: Any, page: Any, area: Any = None) -> Iterator[Array]:
             continue
         opacity = numbers_of([str(values.get("opacity", 1)).strip(" %")])
         is_filled = part.fill.value is not None and part.fill.opacity and part.fill.hex != "#ffffff"  # as the page is
-        has_line = part.stroke.value is not None and part.stroke.opacity and part.stroke_width
+        edge = part.stroke
+        has_line = edge.value is not None and edge.opacity and part.stroke_width and edge.hex != "#ffffff"
         if not (is_filled or has_line) or opacity == [0.0] or values.get("visibility") in ("hidden", "collapse"):
             continue
         lines = [np.vstack([line, line[:1]]) if is_filled else line for line in _svg_lines(part)]
@@ -202,15 +203,14 @@ def _svg_lines(shape: Any) -> list[Array]:
 def _read_dxf(path: Path, scale: float | None) -> Polygon:
     """Return the outline in the model space of a DXF; `scale` [m] is one unit, by default that of its header."""
     _check_drawing(path, "ezdxf")
-    from ezdxf.enums import InsertUnits
     from ezdxf.filemanagement import readfile
     from ezdxf.path import make_path
-    from ezdxf.units import conversion_factor
+    from ezdxf.units import METER_FACTOR
 
     lines = []
     try:
         drawing = readfile(path)
-        metres = scale or (drawing.units and conversion_factor(InsertUnits(drawing.units), InsertUnits.Meters))
+        metres = scale or 1.0 / (dict(enumerate(METER_FACTOR)).get(drawing.units) or np.inf)
         if not metres:
             raise ShapeError(f"the drawing has no unit that is known ($INSUNITS is {drawing.units}): {ASK}")
         for entity in _seen_entities(drawing.modelspace(), drawing.layers):
