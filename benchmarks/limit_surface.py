@@ -38,13 +38,15 @@ def push(
     slip: Array | float = 0.0,
     torque: Array | float = 0.0,
     friction: Mapping[Any, ArrayLike] | None = None,
+    grip: float = np.inf,
 ) -> tuple[Array, Array]:
     """Push B objects at once for a number of steps and return their poses and the sensors', (steps + 1, B, 3) each.
 
     object_pose (B, 3) are the first object poses in the world, touched (B, 3) the first sensor poses in the object
     frame, phase (B,) [rad] that of the sway. slip (steps, B, 2) [m] and torque (steps, B) [m^2] are the residuals of
     sticking and balance; 0 is the noise-free model. friction has values of FRICTION_RATIO and FRICTION_CENTER,
-    (dimension,) or (dimension, B); without, they are the model's.
+    (dimension,) or (dimension, B); without, they are the model's. `grip` is the coefficient of friction at the contact,
+    which slides along the outline where it cannot stick.
 
     A turn by omega in a step opens the gap by r omega^2 / 2, which is noise to sticking and would add up to millimetres
     in minutes. The slip of the next step takes it back.
@@ -70,7 +72,7 @@ def push(
         slid = slip[step] + (contact["gap"] - gap)[:, None] * normal
         gap = gap - np.sum(slip[step] * normal, axis=-1)
         wanted = np.concatenate([slid, torque[step][:, None]], axis=-1)
-        g, contact = _solved(model, g, e, e_next, c_squared, pivot, wanted)
+        g, contact = _solved(model, g, e, e_next, c_squared, pivot, wanted, grip)
         e = e_next
         sensors.append(e)
         touches.append(g)
@@ -79,31 +81,35 @@ def push(
 
 
 def _solved(
-    model: ContactModel, g0: Array, e0: Array, e1: Array, c_squared: Array, pivot: Complex, wanted: Array
+    model: ContactModel, g0: Array, e0: Array, e1: Array, c_squared: Array, pivot: Complex, wanted: Array, grip: float
 ) -> tuple[Array, NDArray[np.void]]:
     """Return the sensor-in-object poses (B, 3) after a step, and the contact there, by Newton's method on Eq. 7.
 
     Residuals of pushing are the sliding of the contact (2 rows, object frame) and the balance of force and torque on
-    the limit surface, p x v - c^2 omega, about the centre of friction.
+    the limit surface, p x v - c^2 omega, about the centre of friction. Where the motion of that centre, and so the
+    force, is outside the friction cone, its distance from the edge takes the place of sliding along the outline.
     """
     o0, changes = se2.compose(e0, se2.inverse(g0)), 1e-6 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     g1, place0, turn0 = g0, g0[:, :1] + 1j * g0[:, 1:2], np.exp(1j * g0[:, 2:])
-    for _ in range(8):
+    slip, side = wanted[:, :1] + 1j * wanted[:, 1:2], np.zeros((len(g0), 1))
+    for _ in range(16):
         tried = np.ascontiguousarray(se2.compose(g1[:, None], se2.exp(changes)))  # (B, 7, 3)
         touch = model.touching(tried)
         # The object before the step, in its frame after it.
         before = se2.between(se2.compose(e1[:, None], se2.inverse(tried)), o0[:, None])
-        came_from = before[..., 0] + 1j * before[..., 1] + np.exp(1j * before[..., 2]) * pivot[:, None]
-        slid = place0 + turn0 * touch["material"] - touch["point"]
-        torque = _cross(touch["point"] - pivot[:, None], pivot[:, None] - came_from)
-        rows = np.stack([slid.real, slid.imag, torque + c_squared[:, None] * before[..., 2]], axis=-1)
+        moved = pivot[:, None] - (before[..., 0] + 1j * before[..., 1] + np.exp(1j * before[..., 2]) * pivot[:, None])
+        inward = -touch["normal"].conjugate()
+        slid = (place0 + turn0 * touch["material"] - touch["point"] - slip) * inward
+        force = moved * inward
+        along = np.where(side == 0.0, slid.imag, force.imag - side * grip * force.real) if side.any() else slid.imag
+        torque = ((touch["point"] - pivot[:, None]).conjugate() * moved).imag + c_squared[:, None] * before[..., 2]
+        rows = np.stack([slid.real, along, torque - wanted[:, 2:]], axis=-1)
         jacobian = (rows[:, 1:4] - rows[:, 4:]).transpose(0, 2, 1) / 2e-6
-        change = np.linalg.solve(jacobian, (wanted - rows[:, 0])[..., None])[..., 0]
+        change = np.linalg.solve(jacobian, -rows[:, 0, :, None])[..., 0]
         g1 = se2.compose(g1, se2.exp(change))
         if np.abs(change).max() < 1e-12:  # [m], [rad]
-            return g1, model.touching(g1[None])[0]
+            slides = (side == 0.0) & (np.abs(force.imag) > grip * force.real)[:, :1]
+            if not slides.any():
+                return g1, model.touching(g1[None])[0]
+            side = np.where(slides, np.sign(force.imag[:, :1]), side)
     raise EstimationError("the step of a push has no solution near the last one; make it smaller")
-
-
-def _cross(a: Complex, b: Complex) -> Array:
-    return (np.conj(a) * b).imag

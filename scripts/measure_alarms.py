@@ -14,8 +14,8 @@ import numpy as np
 from _common import for_each, write
 
 import palpate
-from palpate.filter.consistency import ALARMS
-from palpate.graph.factors import DIRECTION, NAMES, PLACE, SHORT, TURN
+from palpate.config import ALARMS, SHORT
+from palpate.graph.factors import DIRECTION, NAMES, PLACE, TURN
 from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
@@ -37,8 +37,8 @@ def main(undisturbed: Path, shoved: Path) -> None:
         for shove in shoves
         if contact[shove] and contact[shove : shove + SECOND].sum() >= SECOND // 2
     ]
-    judged = np.flatnonzero(np.isfinite(ALARMS)).tolist()
-    rates = {NAMES[kind]: {"limit": float(ALARMS[kind]), "per_minute": rate([kind])} for kind in judged}
+    judged = [NAMES.index(name) for name in ALARMS]
+    rates = {name: {"limit": limit, "per_minute": rate([NAMES.index(name)])} for name, limit in ALARMS.items()}
     shoves = {"shoves": len(told), "told": sum(told)}
     write("alarms", {"minutes": round(minutes, 1), "factors": rates, "all_per_minute": rate(judged)} | shoves)
 
@@ -60,7 +60,8 @@ def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
     means = np.cumsum(np.vstack([np.zeros((SHORT, len(NAMES))), surprise]), axis=0)
     means = (means[SHORT:] - means[:-SHORT]) / SHORT
     shoves = [first for first, _ in flag_runs(recording.extra.get("knocked", np.zeros(len(found))) > 0.0)]
-    return contact, (means > ALARMS) & contact[:, None], shoves
+    limits = np.array([ALARMS.get(name, np.inf) for name in NAMES])
+    return contact, (means > limits) & contact[:, None], shoves
 
 
 def begun(told: np.ndarray) -> int:

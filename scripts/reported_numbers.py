@@ -357,19 +357,6 @@ TABLES: dict[str, Table] = {
             {"name": "GelSight Mini", **loaded("docs/study/gelsight_mini/touch_model.json")},
         ],
     ),
-    "choices": Table(
-        {
-            "hypotheses and regions": "{name}",
-            "`ambiguous` with set-up errors, ideal, shoved": "{set_up_errors[ambiguous_share]:.0%}, "
-            "{ideal[ambiguous_share]:.0%}, {shoved[ambiguous_share]:.0%}",
-            "of these the best is off": "{set_up_errors[of_these_off_share]:.0%}, {ideal[of_these_off_share]:.0%}, "
-            "{shoved[of_these_off_share]:.0%}",
-            "silently wrong, shoved": "{shoved[silently_wrong_share]:.1%}",
-            "nats, stated and best rescaled, ideal": "{ideal[nats]:.1f}, {ideal[nats_rescaled]:.1f}",
-            "MIT": "{mit_final_mm:.1f} mm ({mit_worst_mm})",
-        },
-        lambda: [{"name": name, **row} for name, row in loaded("docs/study/choices.json")["variants"].items()],
-    ),
     "better-touch": Table(
         {
             "noise of directions and turns": "{name}",

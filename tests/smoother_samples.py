@@ -11,7 +11,7 @@ from push_samples import contact_directions, distance_at, model_of, noisy, pushe
 from scipy.optimize import least_squares
 
 from palpate import ContactDirection, Measurement, NoiseSettings, Turn
-from palpate.config import Priors
+from palpate.config import LAG, Priors
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
@@ -23,7 +23,6 @@ from palpate.graph.variables import (
     FRICTION_CENTER,
     FRICTION_RATIO,
     IN_OBJECT,
-    LAG,
     OBJECT_SIZE,
     OUTLINE_SCALE,
     TURN_OFFSET,

@@ -25,6 +25,17 @@ def test_momentary_rotation_of_a_push_off_centre(y, ratio, aside):
     np.testing.assert_allclose(o[1, 0], [1e-6 + omega * y, omega * 0.2363 / 2, omega], rtol=1e-4)
 
 
+def test_a_contact_that_cannot_stick_slides_with_the_force_at_the_edge_of_the_friction_cone():
+    # At p = (px, 0), pushed along (1, t): vx = 1, px vy = c^2 omega, and vy + omega px = t where it sticks. Hence
+    # vy = t c^2 / (c^2 + px^2), but no more than the coefficient of friction times vx.
+    model, px = model_of("rectangle", sensor(0.0)), -0.2363 / 2
+    stuck = math.tan(0.6) / (1.0 + (px / model.friction_radius) ** 2)
+    steering = Steering(speed=1e-6 / math.cos(0.6), aim=0.0, sway=0.0)
+    for grip, vy in ((np.inf, stuck), (1.1 * stuck, stuck), (0.1, 0.1)):
+        o, _ = push(model, np.zeros((1, 3)), np.array([[px, 0.0, 0.6]]), 1, steering, grip=grip)
+        np.testing.assert_allclose(1e6 * o[1, 0], [1.0, vy, px * vy / model.friction_radius**2], rtol=1e-4)
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_noise_free_push_stays_on_the_outline(name):
     model = model_of(name)

@@ -112,6 +112,6 @@ class _Cache(FunctionCache):
 
 @cache
 def _sources() -> str:
-    """Return a hash of the source of all kernels."""
-    every = sorted(Path(__file__).parent.glob("g*/*.py"))  # of geometry and graph
+    """Return a hash of the source of all kernels and of their constants."""
+    every = sorted([Path(__file__).with_name("config.py"), *Path(__file__).parent.glob("g*/*.py")])
     return hashlib.sha256(b"".join(path.read_bytes() for path in every)).hexdigest()

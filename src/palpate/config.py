@@ -123,7 +123,7 @@ class FrictionConeSettings:
     zero_allowed = ("share",)
     still: float = 2e-5
     """Motion outside the cone in a step without sensor motion [m]."""
-    share: float | None = 0.13
+    share: float | None = 0.2
     """Motion outside the cone as a share of the sensor's motion; None turns the factor off."""
     width: float = 0.03
     """A third of the angle over which the edge begins to count [rad]."""
@@ -151,7 +151,7 @@ class Priors:
     """Centre of friction from the centroid along x and along y, as a share of c."""
     grip: Normal = (-1.05, 0.4)
     """Logarithm of Coulomb friction between sensor and object: the coefficient is 0.35, times or by 1.5."""
-    friction_changes: ClassVar[tuple[float, float]] = (0.44, 0.003)
+    friction_changes: ClassVar[tuple[float, float]] = (0.44, 0.006)
     """Change of the last three between contacts and in each step, as shares of their standard deviation."""
 
     @property
@@ -279,3 +279,41 @@ def _known(name: str, given: Any, settings: Any) -> dict[str, Any]:
     if unknown := [one for one in given if one not in known]:
         raise SettingError(f"{name} has no {unknown[0]!r}; known are {', '.join(known)}")
     return given
+
+
+# Numbers of the graph, of its tests and of hypotheses, which nobody sets.
+
+LAG = 40  # steps in a sliding window: 20 or 30 lose a little
+ITERATIONS = 4  # most Gauss-Newton steps in a frame: with two sigma doubles
+CONVERGED = 5e-5  # [m], [rad] change of a pose that ends them: with six times as much, real pushes end worse
+REMEMBERED = 1000  # steps that left the window whose costs still count, half a minute: older ones are forgotten
+SLACK = 0.02  # [s] tolerance on a measurement's time: clocks of cameras and robots differ
+SOFT = 2e-4  # [m] indentation over which the parts of a pad share the load: keeps the contact smooth
+REACH = 3  # steps before and after a step over which the angle of the force is computed: one alone is mostly noise
+ACROSS = 2e-3  # [m] motion of a disturbed object across the outline in a step: the sensor stays in touch
+TURNED = 3.0  # ratio of c times the turn of a disturbed object to its slide: a hand turns more than it slides
+SHORT = 5  # steps over which innovations are judged: more tell no more shoves
+PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
+ALARMS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
+"""Mean squares of innovations in these steps [variances] from which something else may have moved the object.
+Where nothing did, directions reach theirs twice in a minute of contact, the others less (`docs/study/alarms.json`)."""
+UNLIKELY = 3.0  # standard deviations from which a distance or a pose contradicts, and a place is not considered
+SEVERAL, RECENT = 3, 10  # of the last frames from which a contradiction counts: a single one may be an error
+FOUND = (0.005, 0.005, 0.1)  # [m, m, rad] standard deviations from which on a displaced object is found again
+BACK, AHEAD = 10, 6  # steps before and after an alarm in which a hand may move the object: a shove lasts half a second
+HAND = 0.012  # [m] standard deviation of the slide over the sensor meanwhile
+SLIDES = (0.0, 0.018, -0.018, 0.036, -0.036)  # [m] such slides that become hypotheses, one and a half of it apart
+
+LIKELY = 0.1  # weight from which a hypothesis makes an estimate ambiguous and is watched for disturbances
+POOR = 1e-3  # weight, relative to the likeliest, below which a hypothesis is dropped
+STAYS = 0.2  # the same, above which the last best stays the best: near ties would swap in every frame
+UNDECIDED = 1e-2  # weight of images that are mirrored, or are not, from which it is undecided
+COST_SHARE = 0.3  # share of costs that counts, since neighbouring ones are alike: weights are then right as often
+OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
+
+MOST_YOUNG = 20  # hypotheses with which a contact begins at most: all faces of an outline, each at several places
+LOG_ODDS = 3.0  # of an object that lies where it was left against another place, where its pose is rough
+ROUGH = (0.006, 0.006, 0.15)  # [m, m, rad] standard deviations of a pose that leaves several places of contact
+HOPELESS = (0.02, 0.02, 0.2)  # [m, m, rad] those of one too rough for one graph to find the object
+PLACE_SIGMA = (0.003, 0.01, 0.157)  # [m, m, rad] along the normal, along the outline, yaw: half of that
+KNOWN_YAW, ANY_YAW = 0.236, 1.7  # [rad] deviations of yaw up to which one value is tried, and from which all are alike

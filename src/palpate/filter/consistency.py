@@ -13,33 +13,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array, Flags
-from palpate.config import NoiseSettings
-from palpate.filter.hypotheses import LIKELY, Hypotheses
+from palpate.config import ALARMS, FOUND, HAND, LIKELY, SEVERAL, UNLIKELY, NoiseSettings
+from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, clearances
 from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import BALANCE, CONTACT, DIRECTION, NAMES, PLACE, STICKING, TURN
+from palpate.graph.factors import NAMES
 from palpate.graph.window import Window
 from palpate.types.estimate import Status
 from palpate.types.measurements import ObjectPose
 
-ALARMS = np.full(len(NAMES), np.inf)
-ALARMS[[DIRECTION, PLACE, CONTACT, TURN, STICKING, BALANCE]] = 0.2, 0.2, 0.3, 0.3, 14.0, 6.0
-"""Mean squares of the innovations of the last steps [variances] from which something else may have moved the object.
-Where nothing did, directions reach theirs twice in a minute of contact, the others less than once
-(`docs/study/alarms.json`). Directions tell most of a shove."""
-_SURPRISE = 3.0  # standard deviations of a distance at which an untouched object counts as displaced
-_STILL = 3e-4  # [m] noise of the sensor's own motion
-_HAND = 0.01  # [m] least displacement by a hand that takes the object away
-_FOUND = np.square([0.005, 0.005, 0.1])  # [m^2, m^2, rad^2] variances at which a displaced object is found again
-_CONTRADICTS = 5.0  # standard deviations at which a measured pose contradicts
-_SEVERAL = 3  # of the last frames from which a contradiction counts: a single one may be an error
+_JUDGED, _LIMITS = [NAMES.index(name) for name in ALARMS], np.array([*ALARMS.values()])
 _POSES, _OUTLINE = 0, 1  # kinds of contradictions
 
 
 def disturbance_alarms(window: Window) -> Flags:
     """Return True (B,) where touch and pushing contradict each other."""
-    return np.asarray((window.rows["surprise"] > ALARMS).any(axis=1))
+    return np.asarray((window.rows["surprise"][:, _JUDGED] > _LIMITS).any(axis=1))
 
 
 class ConsistencyMonitor:
@@ -48,6 +38,7 @@ class ConsistencyMonitor:
     def __init__(self, model: ContactModel, settings: NoiseSettings, tolerance: tuple[float, float]) -> None:
         self._model, self._contact_deviation = model, settings.contact.deviation
         self._tolerance = tolerance  # of position [m] and yaw [rad]
+        self._sensor_deviation = max(settings.sensor_pose.deviation[:2])  # [m]
         self._calibration = np.diag(np.square(settings.sensor_pose.calibration))
 
     def clearance(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
@@ -67,14 +58,14 @@ class ConsistencyMonitor:
         by[:, 1] -= by[:, 0]
         variance = rows.belief.variances(by)
         deviation = np.sqrt(variance[:, 0] + self._contact_deviation**2)
-        rows.displace(np.where(now < -_SURPRISE * deviation, -now, 0.0))
-        deviation = np.sqrt(variance[:, 1] + _STILL**2)
-        rows.displace(np.where(now < before - _SURPRISE * deviation, _HAND, 0.0))
+        rows.displace(np.where(now < -UNLIKELY * deviation, -now, 0.0))
+        deviation = np.sqrt(variance[:, 1] + 2.0 * self._sensor_deviation**2)
+        rows.displace(np.where(now < before - UNLIKELY * deviation, HAND, 0.0))
 
     def test_first_contact(self, rows: Hypotheses, sensor_pose: Array) -> None:
         """Test that a contact begins where the object's outline is."""
         gap, deviation = self.clearance(rows.belief, sensor_pose)
-        rows.displace(np.where(np.abs(gap) > _SURPRISE * deviation, np.abs(gap), 0.0))
+        rows.displace(np.where(np.abs(gap) > UNLIKELY * deviation, np.abs(gap), 0.0))
 
     def test_object_poses(
         self, rows: Hypotheses, expected: Sequence[Array], measured: Sequence[ObjectPose], moved: float = 0.0
@@ -118,7 +109,7 @@ class ConsistencyMonitor:
         elif by_outline:
             reason = f"measured object poses put the outline up to {by_outline:.0f} mm from where the sensor touches it"
             status = "strained"
-        elif rows.displacement[0] and ((known[0].diagonal() > _FOUND).any() or not in_contact):
+        elif rows.displacement[0] and ((known[0].diagonal() > np.square(FOUND)).any() or not in_contact):
             status = "displaced"
         if not in_contact:
             covariance = covariance + self.displacement_covariance(rows)
@@ -167,13 +158,13 @@ class ConsistencyMonitor:
 
 
 def _with_frame(apart: Array, kind: int, distance: Array, deviations: Array) -> Array:
-    """Return `Hypotheses.apart` with the distances (B,) [m] of another frame, which contradict from 5 deviations on."""
+    """Return `Hypotheses.apart` with the distances (B,) [m] of another frame, unless they are likely."""
     longer = apart.copy()
     longer[:, kind, :-1] = apart[:, kind, 1:]
-    longer[:, kind, -1] = np.where(deviations > _CONTRADICTS, distance, 0.0)
+    longer[:, kind, -1] = np.where(deviations > UNLIKELY, distance, 0.0)
     return longer
 
 
 def _contradictions(rows: Hypotheses) -> Array:
     """Return the possible error (B, 2) [m] of the pose, for contradicting measured poses and their outline."""
-    return np.where((rows.apart > 0.0).sum(axis=2) >= _SEVERAL, rows.apart.max(axis=2), 0.0)
+    return np.where((rows.apart > 0.0).sum(axis=2) >= SEVERAL, rows.apart.max(axis=2), 0.0)

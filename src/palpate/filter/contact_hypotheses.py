@@ -12,26 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array, Complex, Flags, Integers
-from palpate.filter.hypotheses import AHEAD, MOST_YOUNG, Hypotheses, are_near
+from palpate.config import AHEAD, ANY_YAW, HOPELESS, KNOWN_YAW, LOG_ODDS, MOST_YOUNG, PLACE_SIGMA, ROUGH, UNLIKELY
+from palpate.filter.hypotheses import Hypotheses, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import Step
 from palpate.graph.variables import DEPTH, OUTLINE_SCALE
 
-_LOG_UNLIKELY = 3.0
-"""Log of the odds that the object lies where it was left against another place, where a belief about it is rough."""
-_IMPOSSIBLE = 12.0  # largest cost of a contact where the object is not [log]
-_SPACING, _TURN = 0.015, np.radians(18.0)  # [m], [rad] of the normal, from place to place
-_PLACE = np.diag(np.square([0.003, 0.01, np.radians(9.0)]))  # [m, m, rad] along the normal, along the outline, yaw
-_STEP, _LONGEST = 0.003, 5.0  # [m] step along the outline, and its largest length
-_LIKELY = 4.0  # standard deviations of a belief within which places are considered
-_ROUGH = np.array([0.006, 0.006, 0.15])  # [m, m, rad] standard deviations of a rough belief
-_HOPELESS = np.array([0.02, 0.02, 0.2])  # [m, m, rad] those of one too rough for one graph to find the object
-_YAWS = 12  # directions all around, if yaw is unknown
-_KNOWN_YAW, _ANY_YAW = 1.5 * np.radians(9.0), 1.7  # [rad] standard deviations of yaw for one value, and for all alike
-_UNKNOWN_YAW = np.diag([0.0, 0.0, 100.0**2])  # [rad^2] variance of an unknown yaw
+_STEP, _LONGEST = 0.003, 5.0  # [m] step along the outline in search of places, and its largest length
+_SPACING, _TURN = 0.015, 0.314  # [m], [rad] of the normal, from place to place: a graph finds those between
 _ROUND = 1e-4  # [m] difference in distance from the centroid on a round outline
+_PLACE = np.diag(np.square(PLACE_SIGMA))
+_UNKNOWN_YAW = np.diag([0.0, 0.0, 100.0**2])  # [rad^2] variance of an unknown yaw
 
 
 def contact_hypotheses(
@@ -51,7 +44,7 @@ def contact_hypotheses(
         if is_displaced.any():
             left = poses_in_contact(rest, np.flatnonzero(is_displaced), rows.sign, model, step, is_guess=False)
             as_left = np.where(is_displaced, _of_each_row(*left[1:], len(rough)), as_left)
-        log_prior = log_prior + np.maximum(as_left, -_IMPOSSIBLE)
+        log_prior = log_prior + as_left
         of_rough = np.flatnonzero(rough[origin])
         poses, origin, likely = poses.take(of_rough), origin[of_rough], likely[of_rough]
     has_places = np.bincount(origin, minlength=len(rough)) > 0
@@ -60,11 +53,11 @@ def contact_hypotheses(
     is_new = stays | (not was_found)
     stayed = replace(rows, belief=belief, log_prior=log_prior, weight=np.where(is_new, 1.0, rows.weight))
     variances = np.diagonal(displaced.pose_covariance, axis1=1, axis2=2)
-    is_hopeless = np.any(variances > _HOPELESS**2, axis=1) & rough & has_places & ~is_displaced & (not was_found)
+    is_hopeless = np.any(variances > np.square(HOPELESS), axis=1) & rough & has_places & ~is_displaced & (not was_found)
     places = replace(
         rows.take(origin),
         belief=poses,
-        log_prior=rows.log_prior[origin] + likely - _LOG_UNLIKELY,
+        log_prior=rows.log_prior[origin] + likely - LOG_ODDS,
         weight=np.ones(len(likely)),
         disturbed_steps_left=np.full_like(origin, AHEAD + 1),  # pushing is ignored in their first steps
     )
@@ -102,7 +95,7 @@ def is_rough(belief: Belief, model: ContactModel) -> Flags:
 
     A round object is met alike at every yaw.
     """
-    rough = np.diagonal(belief.pose_covariance, axis1=1, axis2=2) > _ROUGH**2
+    rough = np.diagonal(belief.pose_covariance, axis1=1, axis2=2) > np.square(ROUGH)
     return np.any(rough[:, : 2 if is_round(model) else 3], axis=1)
 
 
@@ -129,20 +122,20 @@ def poses_in_contact(
         off = se2.log(se2.between(belief.pose[origin], pose))
         # After a long doubt a covariance may be singular.
         far = np.einsum("ni,nij,nj->n", off, np.linalg.pinv(known, hermitian=True)[origin], off)
-        near = np.flatnonzero(far < _LIKELY**2)
+        near = np.flatnonzero(far < UNLIKELY**2)
         pose, around, origin, likely = pose[near], around[near], origin[near], -0.5 * far[near]
     else:
         off = belief.pose[origin] - pose
         off[:, 2] = se2.wrap(off[:, 2])
         if not is_round(model):
-            known[known[:, 2, 2] > _ANY_YAW**2] += _UNKNOWN_YAW
+            known[known[:, 2, 2] > ANY_YAW**2] += _UNKNOWN_YAW
         joint = around + _turned(known, belief.pose[:, 2])[origin]
         by_yaw = np.square(off[:, 2]) / joint[:, 2, 2]  # no more than by all three
-        near = np.flatnonzero(by_yaw < _LIKELY**2)
+        near = np.flatnonzero(by_yaw < UNLIKELY**2)
         pose, around, origin, off = pose[near], around[near], origin[near], off[near]
         inverse = np.linalg.inv(joint[near])
         far = np.einsum("ni,nij,nj->n", off, inverse, off)
-        near = np.flatnonzero(far < _LIKELY**2)
+        near = np.flatnonzero(far < UNLIKELY**2)
         pose, around, origin, off, far = pose[near], around[near], origin[near], off[near], far[near]
         gain = around @ inverse[near]
         likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
@@ -197,7 +190,7 @@ def _turned(covariance: Array, angle: ArrayLike) -> Array:
 def _likely_turns(deviation: Array) -> tuple[Array, Flags]:
     """Return turns (B, Y) [rad] of a yaw of this deviation (B,), and True where they are likely and not repeated."""
     reach = np.minimum(2.0 * deviation, np.pi)
-    count = np.where(deviation < _KNOWN_YAW, 0, np.ceil(_YAWS * reach / np.pi))[:, None]
+    count = np.where(deviation < KNOWN_YAW, 0, np.ceil(reach / _TURN))[:, None]
     most = count.max(initial=0.0)
     steps = np.arange(-most, most + 1.0)
     is_likely = (np.abs(steps) <= count) & ~((reach[:, None] >= np.pi) & (steps == count))

@@ -10,22 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
-from palpate.config import Priors
+from palpate.config import COST_SHARE, OBSERVABLE_YAW, POOR, RECENT, STAYS, Priors
 from palpate.graph.belief import Belief, RowArrays
-
-MOST_YOUNG = 20
-"""Largest number of hypotheses with which a contact begins: all faces of an outline, each at several places."""
-LIKELY = 0.1
-"""Weight from which a hypothesis makes an estimate ambiguous and is watched for disturbances."""
-POOR = 1e-3
-"""Weight, relative to the best hypothesis, below which one hardly counts."""
-AHEAD = 6
-"""Steps after an alarm or the begin of a contact in which something else may move the object."""
-_FRAMES = 10  # of which distances from measured poses are kept
-_STAYS = 0.2  # weight, relative to the likeliest, above which the last best stays: near ties would swap every frame
-_COST_SHARE = 0.3
-"""Share of the costs that counts: weights are then right as often as they say, unless somebody shoves the object."""
-_OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
 
 
 @dataclass(eq=False)
@@ -40,7 +26,7 @@ class Hypotheses(RowArrays):
     """Least displacement of the object since it was last touched [m], (B,)."""
     apart: Array
     """Distance of measured poses from the estimate, and of the measured outline from the contact, at the last frames;
-    0 where they agree, (B, 2, _FRAMES) [m]."""
+    0 where they agree, (B, 2, RECENT) [m]."""
     log_prior: Array
     """Log probability without the current contact, (B,)."""
     weight: Array
@@ -64,9 +50,9 @@ class Hypotheses(RowArrays):
         """
         whole = self.whole_belief
         variance = whole.covariance[:, 2, 2]
-        held_out = np.zeros_like(variance) if is_observable else np.maximum(variance - _OBSERVABLE_YAW**2, 0.0)
+        held_out = np.zeros_like(variance) if is_observable else np.maximum(variance - OBSERVABLE_YAW**2, 0.0)
         less = np.ones(whole.covariance.shape[:2])
-        less[:, 2] = np.where(held_out > 0.0, _OBSERVABLE_YAW / np.sqrt(variance), 1.0)
+        less[:, 2] = np.where(held_out > 0.0, OBSERVABLE_YAW / np.sqrt(variance), 1.0)
         self.belief = replace(whole, covariance=whole.covariance * (less[:, :, None] * less[:, None, :]))
         self.unobservable_yaw = held_out
 
@@ -82,7 +68,7 @@ def single(belief: Belief, sign: float) -> Hypotheses:
         belief,
         unobservable_yaw=zero,
         displacement=zero,
-        apart=np.zeros((1, 2, _FRAMES)),
+        apart=np.zeros((1, 2, RECENT)),
         log_prior=zero,
         weight=np.ones(1),
         sign=np.full(1, sign),
@@ -94,7 +80,7 @@ def single(belief: Belief, sign: float) -> Hypotheses:
 def costs_of_contact(costs: Array) -> Array:
     """Return the share that counts of a contact's costs (B,), from those of its steps (B, N, 3); see `Window.costs`."""
     costs = costs[..., 0] + np.where(costs[..., 2].any(axis=0), 0.0, costs[..., 1])
-    return _COST_SHARE * costs.sum(axis=1)
+    return COST_SHARE * costs.sum(axis=1)
 
 
 def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> tuple[Integers, Array]:
@@ -108,7 +94,7 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
     is_settled = rows.disturbed_steps_left == 0
     is_alike = (rows.sign[:, None] == rows.sign) & is_settled[:, None] & is_settled
     near = is_alike & are_near(rows.belief.pose[:, None], rows.belief.pose[None])
-    scores[0 if relative[0] > _STAYS else relative.argmax()] = np.inf
+    scores[0 if relative[0] > STAYS else relative.argmax()] = np.inf
     kept: list[int] = []
     for row in np.argsort(-scores).tolist():
         if relative[row] >= POOR and not near[row, kept].any():

@@ -15,27 +15,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.config import TrackerSettings
+from palpate.config import AHEAD, BACK, HAND, LAG, LIKELY, MOST_YOUNG, SLIDES, UNDECIDED, TrackerSettings
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
-from palpate.filter.hypotheses import AHEAD, LIKELY, MOST_YOUNG, costs_of_contact, single, worth_keeping
+from palpate.filter.hypotheses import costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
 from palpate.graph.belief import Belief, Indices
 from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import Step, make_factors, step_of, timely
 from palpate.graph.own_measurements import OwnMeasurements
-from palpate.graph.variables import GRIP, IN_OBJECT, LAG
+from palpate.graph.variables import GRIP, IN_OBJECT
 from palpate.graph.window import Window
 from palpate.types.estimate import REASONS, Answer, Estimate
 from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
 
 logger = logging.getLogger(__name__)
 
-_BACK = 10  # steps before an alarm in which a hand may have moved the object
-_SPREAD = 0.012  # [m] standard deviation of the object's slide over the sensor meanwhile
-_SLIDES = np.array([0.0, 0.018, -0.018, 0.036, -0.036])  # [m] slides over the sensor that become hypotheses
-_UNDECIDED = 1e-2  # weight of images that are mirrored, or are not, from which it is undecided
 _MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
 _OPEN = "not yet known if touch images are upside down or mirrored; --orientation upright says that they are not"
 
@@ -109,10 +105,10 @@ class HypothesisBank:
         friction, spread = math.exp(belief.values[0, grip]), math.sqrt(belief.covariance[0, 3 + grip, 3 + grip])
         point = normal = None
         if window is not None:
-            last, (x, y, theta) = window.last(0), belief.pose[0].tolist()
+            touch, (x, y, theta) = window.last(0)["touch"], belief.pose[0].tolist()
             turn = complex(math.cos(theta), math.sin(theta))
-            point = np.array([complex(x, y) + turn * last["touch"]["point"]]).view(np.float64)
-            normal = np.array([turn * last["touch"]["normal"] / abs(last["touch"]["normal"])]).view(np.float64)
+            both = complex(x, y) + turn * touch["point"], turn * touch["normal"] / abs(touch["normal"])
+            point, normal = np.array(both).view(np.float64).reshape(2, 2)
         return Estimate(
             time=time,
             pose=belief.pose[0].copy(),
@@ -182,7 +178,7 @@ class HypothesisBank:
         if self._window is None:
             return
         rows, self._is_indeterminate = self._rows, False
-        moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, _SPREAD), moved)
+        moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, HAND), moved)
         belief = rows.belief.at_next_contact(self._settings.priors)
         rows.log_prior = rows.log_prior - costs_of_contact(self._window.costs())
         rows.belief = belief.inflated(self._monitor.covariance_of_motion(moved_by))
@@ -232,7 +228,7 @@ class HypothesisBank:
     def _continue_contact(self, step: Step, window: Window) -> tuple[Window, bool]:
         """Take the next frame of a contact in all hypotheses; see `_begin_contact`."""
         is_measured = self._test_object_poses(step, window.object_path())
-        spread = np.where(self._rows.disturbed_steps_left > 0, _SPREAD / math.sqrt(_BACK), 0.0)
+        spread = np.where(self._rows.disturbed_steps_left > 0, HAND / math.sqrt(BACK), 0.0)
         window.add(step, spread)
         self._take(~window.rows["is_lost"])
         self._is_indeterminate = False
@@ -260,9 +256,9 @@ class HypothesisBank:
         if not alarmed:
             return
         row = alarmed[0]
-        new, steps = np.arange(count, count + len(_SLIDES)), self._steps - max(self._steps - _BACK, 1)
+        new, steps = np.arange(count, count + len(SLIDES)), self._steps - max(self._steps - BACK, 1)
         self._take([*range(count), *[row] * len(new)])
-        window.disturb(new, steps, _SLIDES, _SPREAD)
+        window.disturb(new, steps, np.array(SLIDES), HAND)
         rows, is_new = self._rows, np.arange(count + len(new)) >= count
         moved = window.belief().take(new)
         rows.belief = rows.belief.take(~is_new).joined(moved)
@@ -270,7 +266,7 @@ class HypothesisBank:
         rows.log_prior = rows.log_prior + is_new * math.log(self._rate * meanwhile / len(new))
         rows.weight = np.where(is_new, 1.0, rows.weight)
         rows.disturbed_steps_left[count:] = AHEAD
-        rows.next_alarm[[row, *new]] = self._steps + _BACK + AHEAD
+        rows.next_alarm[[row, *new]] = self._steps + BACK + AHEAD
         self._take(~window.rows["is_lost"])
 
     def _reweight_and_prune(self, window: Window) -> None:
@@ -292,7 +288,7 @@ class HypothesisBank:
         """Decide if touch images are mirrored once hardly any weight is left of one of both answers."""
         rows, is_mirrored = self._rows, self._rows.sign < 0.0
         share = float(rows.weight[is_mirrored].sum())
-        if _UNDECIDED < share < 1.0 - _UNDECIDED:
+        if UNDECIDED < share < 1.0 - UNDECIDED:
             return
         self._may_be_mirrored, self.is_mirrored = False, share > 0.5
         self._take(is_mirrored == self.is_mirrored)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Array
+from palpate.config import CONVERGED, ITERATIONS
 from palpate.errors import EstimationError
 from palpate.filter.consistency import ConsistencyMonitor
 from palpate.filter.hypotheses import Hypotheses
@@ -19,7 +20,6 @@ from palpate.graph.own_measurements import OwnMeasurements
 from palpate.graph.variables import CONTACT_SIZE, OBJECT_SIZE, STEP_SIZE
 from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
 
-_ITERATIONS, _CONVERGED = 10, 1e-6  # [m], [rad]
 _INDETERMINATE = "measurements of the resting object leave it indeterminate"
 
 
@@ -53,7 +53,7 @@ def measured_at_rest(
 def _solved(prior: Belief, poses: list[ObjectPose], own: OwnMeasurements) -> Belief:
     """Return the beliefs after measurements."""
     before, pose, values, covariance = np.linalg.inv(prior.covariance), prior.pose, prior.values, prior.covariance
-    for _ in range(_ITERATIONS):
+    for _ in range(ITERATIONS):
         off = np.concatenate([se2.log(se2.between(prior.pose, pose)), values - prior.values], axis=1)
         residual, jacobian = _linearised(poses, own, pose, values)
         transposed = jacobian.transpose(0, 2, 1)
@@ -64,7 +64,7 @@ def _solved(prior: Belief, poses: list[ObjectPose], own: OwnMeasurements) -> Bel
             raise EstimationError(_INDETERMINATE) from None
         change = (covariance @ gradient)[..., 0]
         pose, values = se2.compose(pose, se2.exp(change[:, :3])), values + change[:, 3:]
-        if np.abs(change).max() < _CONVERGED:
+        if np.abs(change).max() < CONVERGED:
             break
     if not all(np.isfinite(found).all() for found in (pose, values, covariance)):
         raise EstimationError(_INDETERMINATE)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Array
-from palpate.config import NoiseSettings
+from palpate.config import SLACK, NoiseSettings
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import CONTACT_GEOMETRY, ContactModel
 from palpate.graph.variables import (
@@ -38,7 +38,6 @@ from palpate.types.measurements import (
 )
 
 logger = logging.getLogger(__name__)
-_SLACK = 0.02  # [s] tolerance on a measurement's time
 _NO_POSE = 12 * (0.0,)  # pose and root of a term that has none
 
 NAMES = (
@@ -51,8 +50,6 @@ contact that of the first pose; the others are of measurements that arrive."""
 STICKING, BALANCE, FRICTION_CONE, FIRST_POSE, SENSOR_POSE, CONTACT, DIRECTION, PLACE, TURN, CORNER, OBJECT_POSE, OWN = (
     range(len(NAMES))
 )
-SHORT = 5
-"""Steps over which innovations are judged."""
 MOST_ROWS = 3 + OBJECT_SIZE
 """Largest number of residual rows of a factor."""
 
@@ -180,7 +177,7 @@ def timely(measurements: Sequence[Measurement], times: Sequence[float]) -> list[
     kept = []
     for one in measurements:
         time = getattr(one, "time", None)
-        if time is None or times[0] - _SLACK <= time <= times[-1] + _SLACK:
+        if time is None or times[0] - SLACK <= time <= times[-1] + SLACK:
             kept.append(one)
         else:
             found = f"measurement {type(one).__name__} has time {time} s"

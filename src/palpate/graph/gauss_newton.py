@@ -11,16 +11,15 @@ import math
 
 from palpate.arrays import Array, Flags, Integers, Records
 from palpate.compiled import compiled, kernel
+from palpate.config import CONVERGED, PREDICTED, REACH, SHORT
 from palpate.graph import factors, measured, pushing
 from palpate.graph.contact_geometry import Surface, put_touch
-from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, OWN, SENSOR_POSE, SHORT, STICKING
+from palpate.graph.factors import BALANCE, CONTACT, FIRST_POSE, FRICTION_CONE, OWN, SENSOR_POSE, STICKING
 from palpate.graph.se2_kernels import adjoint, between, exp_onto, log, position, rotation, wrap
 from palpate.graph.variables import LAST_SIZE, SHARED_SIZE, STEP_SIZE, WIDTH
 
 assert STEP_SIZE == 6, "eliminate_step writes out six rows"
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a kernel that counts as all
-_PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
-_CONVERGED = 5e-5  # [m], [rad] change of a pose; with six times as much, real pushes end worse after a knock
 
 Own = tuple[Integers, Array]
 """Steps (M,) of own measurements, and their rows; see `own_measurements.evaluated`."""
@@ -87,7 +86,7 @@ def improve(
                 _put_touch(its[k], surface)
             is_found = _eliminate_steps(its, left, row, terms, of_row, given)
             row.is_lost = not (is_found and _move(its, row, work[0].change))
-            changing[b] = not row.is_lost and row.change >= _CONVERGED
+            changing[b] = not row.is_lost and row.change >= CONVERGED
             if not changing[b]:
                 break
         if not row.is_lost:
@@ -239,7 +238,7 @@ def _conclude(steps: Records, row: Records, settings: Records, work: Records) ->
     """Write what the moved values say at the last step: angle of the force, innovations of pushing, and the object."""
     last, out = len(steps) - 1, work.linear
     now, before = steps[last], steps[max(last - 1, 0)]
-    for k in range(max(last - pushing.REACH, 0), last):
+    for k in range(max(last - REACH, 0), last):
         steps[k].turn_g, steps[k].turn_e = rotation(steps[k].g[2]), rotation(steps[k].e[2])
     now.force_angle = pushing.force_angle(steps, last, row, settings)
     row.innovations[:SENSOR_POSE], now.surprise[:] = 0.0, 0.0
@@ -291,7 +290,7 @@ def _put_innovation(kind: int, k: int, count: int, stated: float, steps: Records
         variance += substitute_forward(STEP_SIZE, row.last_root, jacobian)
         jacobian[:] = 0.0
         share, innovation = 1.0 - variance * out.weight[r], row.innovations[kind, r]
-        if share > _PREDICTED:
+        if share > PREDICTED:
             innovation[0], innovation[1] = out.residual[r] / share, variance / share
             innovation[2] = stated if stated > 0.0 else 1.0 / out.information[r]
             surprise[kind] += innovation[0] ** 2 / (innovation[1] + 1.0 / out.information[r])

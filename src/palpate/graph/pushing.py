@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from palpate.arrays import Array, Records
 from palpate.compiled import kernel
+from palpate.config import ACROSS, REACH, TURNED
 from palpate.graph.measured import put_row
 from palpate.graph.se2_kernels import cauchy, position, wrap
 from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, STEP_SIZE, column
@@ -17,10 +18,6 @@ from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, STEP_
 _G0, _E0, _G1, _E1 = 0, 3, STEP_SIZE, STEP_SIZE + 3  # columns
 _SHARED = 2 * STEP_SIZE
 _RATIO, _CENTER, _GRIP = column(FRICTION_RATIO), column(FRICTION_CENTER), column(GRIP)
-_ACROSS = 2e-3  # [m] motion of a disturbed object across the outline in a step
-_TURNED = 3.0  # ratio of c times the turn of a disturbed object to its slide
-REACH = 3
-"""Steps before and after a step over which the angle of the pushing force is computed."""
 
 
 class Motion(NamedTuple):
@@ -128,7 +125,7 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, out
         out.jacobian[0, _G1 + c], out.jacobian[1, _G1 + c] = by_g1.real, by_g1.imag
     if is_disturbed:
         out.information[0] = out.weight[0] = 1.0 / now.spread**2
-        out.information[1] = out.weight[1] = 1.0 / _ACROSS**2
+        out.information[1] = out.weight[1] = 1.0 / ACROSS**2
         return 2
     deviation = math.hypot(noise.still, noise.share * moved)
     slides = _beyond(now.force_angle, math.atan(math.exp(row.shared[_GRIP - _SHARED])) - noise.margin, noise.width)
@@ -154,7 +151,7 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
     noise, c, jacobian = settings.balance, settings.friction_radius, out.jacobian[0]
     omega = wrap(now.e[2] - before.e[2] - now.g[2] + before.g[2])
     if now.spread > 0.0:
-        deviation, torque = _TURNED * c * now.spread, c * c
+        deviation, torque = TURNED * c * now.spread, c * c
         error = -torque * omega
     else:
         load = noise.load * settings.span

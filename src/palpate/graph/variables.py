@@ -15,9 +15,6 @@ import numpy as np
 from palpate.config import Normal
 from palpate.errors import SettingError
 
-LAG = 40
-"""Steps in a sliding window."""
-
 
 @dataclass(frozen=True, eq=False)
 class Variable:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import Array, Flags
-from palpate.config import Priors
+from palpate.config import ITERATIONS, LAG, REMEMBERED, Priors
 from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.graph.belief import Belief, Indices
@@ -23,11 +23,8 @@ from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import ROW, STEP, TERM, TERM_SIZE, TURN, WORK, Step, terms_of
 from palpate.graph.gauss_newton import begin_step, improve
 from palpate.graph.own_measurements import OwnMeasurements
-from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAG, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
+from palpate.graph.variables import CONTACT_SIZE, IN_SHARED, LAST_SIZE, OF_CONTACT, STEP_SIZE, TURN_OFFSET
 from palpate.types.measurements import OwnMeasurement
-
-_ITERATIONS = 4
-_REMEMBERED = 1000  # steps that left the window whose costs are kept
 
 
 class Window:
@@ -160,11 +157,11 @@ class Window:
         The other rows keep their solution. Raises EstimationError where no row has a solution.
         """
         terms, steps, rows = self._terms.view(TERM)[:, 0], self._steps, self.rows
-        calls, linear = _ITERATIONS if self._own.given else 1, np.empty((len(rows), 0, 0, 0))
+        calls, linear = ITERATIONS if self._own.given else 1, np.empty((len(rows), 0, 0, 0))
         for _ in range(calls):
             if self._own.given:
                 linear = self._own.evaluated(self._left, steps["g"], steps["e"], rows["shared"])
-            own, most = (np.array([step for step, _ in self._own.given], np.int64), linear), _ITERATIONS // calls
+            own, most = (np.array([step for step, _ in self._own.given], np.int64), linear), ITERATIONS // calls
             improve(steps, self._left, rows, terms, own, self._given, changing, most)
             if not changing.any():
                 break
@@ -173,7 +170,7 @@ class Window:
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the next one and the shared variables."""
-        self._left_costs = np.concatenate([self._left_costs, self._steps["cost"][:, :1]], axis=1)[:, -_REMEMBERED:]
+        self._left_costs = np.concatenate([self._left_costs, self._steps["cost"][:, :1]], axis=1)[:, -REMEMBERED:]
         self.rows["past"] = self.rows["next_past"]
         self._steps, self._left = self._steps[:, 1:], self._left + 1
         self._terms = self._terms[np.searchsorted(self._terms[:, 0], self._left) :]

@@ -18,14 +18,14 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.arrays import Array, Image
-from palpate.config import NoiseSettings
+from palpate.config import LAG, NoiseSettings
 from palpate.errors import EstimationError, FileError
 from palpate.filter.hypotheses import costs_of_contact
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.factors import Step, make_factors
-from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, LAG, OUTLINE_SCALE
+from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, OUTLINE_SCALE
 from palpate.graph.window import Window
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of

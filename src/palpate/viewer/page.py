@@ -3,7 +3,7 @@
 import base64
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -27,6 +27,7 @@ input, img { width: 100%; margin: 0; }
 </style>
 <input id="slider" type="range" aria-label="time">
 <img id="picture" alt="push from above, touch image, errors and status">
+<pre>INNOVATIONS</pre>
 <script>
 const pictures = PICTURES;
 const slider = document.getElementById("slider");
@@ -49,7 +50,15 @@ def write_page(run: Run, path: Path) -> None:
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "WEBP", quality=60)
         encoded.append(f"data:image/webp;base64,{base64.b64encode(data.getvalue()).decode()}")
-    path.write_text(PAGE.replace("PICTURES", json.dumps(encoded)), encoding="utf-8")
+    page = PAGE.replace("PICTURES", json.dumps(encoded)).replace("INNOVATIONS", table(run.summary["innovations"]))
+    path.write_text(page, encoding="utf-8")
+
+
+def table(scores: Mapping[str, Mapping[str, float | None]]) -> str:
+    """Return the scores of innovations as text, a line each factor; 1, 1 and 0 are right."""
+    rows = [("innovations", *next(iter(scores.values()), ()))]
+    rows += [(name, *("-" if one is None else f"{one:.3g}" for one in each.values())) for name, each in scores.items()]
+    return "\n".join("".join(f"{cell:>16}" for cell in row) for row in rows)
 
 
 def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
