@@ -26,8 +26,7 @@ def test_momentary_rotation_of_a_push_off_centre(y, ratio, aside):
 
 
 def test_a_contact_that_cannot_stick_slides_with_the_force_at_the_edge_of_the_friction_cone():
-    # At p = (px, 0), pushed along (1, t): vx = 1, px vy = c^2 omega, and vy + omega px = t where it sticks. Hence
-    # vy = t c^2 / (c^2 + px^2), but no more than the coefficient of friction times vx.
+    # At p = (px, 0), pushed along (1, t): vx = 1, px vy = c^2 omega; it sticks if vy = t - omega px is within friction.
     model, px = model_of("rectangle", sensor(0.0)), -0.2363 / 2
     stuck = math.tan(0.6) / (1.0 + (px / model.friction_radius) ** 2)
     steering = Steering(speed=1e-6 / math.cos(0.6), aim=0.0, sway=0.0)
