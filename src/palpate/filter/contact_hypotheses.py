@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array, Complex, Flags, Integers
-from palpate.config import AHEAD, ANY_YAW, HOPELESS, KNOWN_YAW, LOG_ODDS, MOST_YOUNG, PLACE_SIGMA, ROUGH, UNLIKELY
+from palpate.config import AHEAD, ANY_YAW, HOPELESS, KNOWN_YAW, LOG_ODDS, MOST_YOUNG, PLACE_SIGMA, POOR, ROUGH, UNLIKELY
 from palpate.filter.hypotheses import Hypotheses, are_near
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
@@ -44,7 +44,7 @@ def contact_hypotheses(
         if is_displaced.any():
             left = poses_in_contact(rest, np.flatnonzero(is_displaced), rows.sign, model, step, is_guess=False)
             as_left = np.where(is_displaced, _of_each_row(*left[1:], len(rough)), as_left)
-        log_prior = log_prior + as_left
+        log_prior = log_prior + np.maximum(as_left, np.log(POOR))  # where no place is likely
         of_rough = np.flatnonzero(rough[origin])
         poses, origin, likely = poses.take(of_rough), origin[of_rough], likely[of_rough]
     has_places = np.bincount(origin, minlength=len(rough)) > 0
