@@ -16,6 +16,7 @@ import numpy as np
 from _common import write
 from numpy.typing import NDArray
 
+from palpate.config import CORNER_LOGIT
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.io import load_recording
 from palpate.lab.simulate.unit import draw_unit
@@ -23,7 +24,7 @@ from palpate.lab.study.recordings import find_recordings
 from palpate.lab.train.networks import TouchNetwork, restore
 from palpate.lab.train.samples import KINDS, Samples, read_samples
 from palpate.lab.train.scores import errors_of, judge
-from palpate.touch.touch_model import CORNER_LOGIT, shipped_model
+from palpate.touch.touch_model import shipped_model
 
 Array = NDArray[np.float64]
 
@@ -42,9 +43,7 @@ def main(folder: Path) -> None:
         "frames": len(samples),
         "recordings": {"judged_by": len(files)},
         "honesty": judge(errors, model.settings.spread),
-        "direction_offset_of_units_deg": float(
-            np.degrees(np.median([abs(each.mean()) for each in of_unit if len(each)]))
-        ),
+        "direction_offset_of_units_deg": float(np.degrees(np.median([abs(one.mean()) for one in of_unit if one.size]))),
     }
     if "corner" not in model.settings.spread:
         return write("gelsight_mini/touch_model", found)

@@ -13,8 +13,7 @@ from palpate.errors import FileError, one_line
 NUMBERS = ("fiu", "numbers")
 FLAGS = ("b", "booleans")
 
-FARTHEST = 1e6  # [m] a position or a length beyond this is damage: the planet is not much larger
-LONGEST = 1e7  # [s] a recording of more than these four months is damage: a wrong clock, or a wrong unit
+FARTHEST = 1e6  # [m, rad, s] beyond is damage: the planet is not much larger, and in 12 days a clock or a unit is wrong
 SPAN = 5.0  # [m] largest extent of a push; one of 10 mm in millimetres spans more
 TURNS = 4.0 * np.pi  # [rad] angles beyond are probably in degrees
 METRES = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}  # [m] of each unit of lengths, the likeliest first
@@ -75,8 +74,8 @@ def checked_times(time: Any) -> Array:
             "allowed are strictly increasing times"
         )
     # Not by a difference, which may overflow.
-    if given[-1] > given[0] + LONGEST:
-        raise FileError(f"time: runs from {given[0]:.17g} to {given[-1]:.17g} s, allowed are {LONGEST:g} s at most")
+    if given[-1] > given[0] + FARTHEST:
+        raise FileError(f"time: runs from {given[0]:.17g} to {given[-1]:.17g} s, allowed are {FARTHEST:g} s at most")
     return given
 
 

@@ -298,7 +298,7 @@ ALARMS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
 """Mean squares of innovations in these steps [variances] from which something else may have moved the object.
 Where nothing did, directions reach theirs twice in a minute of contact, the others less (`docs/study/alarms.json`)."""
 UNLIKELY = 3.0  # standard deviations from which a distance or a pose contradicts, and a place is not considered
-SEVERAL, RECENT = 3, 10  # of the last frames from which a contradiction counts: a single one may be an error
+SEVERAL, RECENT = 3, 10  # of the last frames from which a contradiction, a jump or a standstill counts, not one error
 FOUND = (0.005, 0.005, 0.1)  # [m, m, rad] standard deviations from which on a displaced object is found again
 BACK, AHEAD = 10, 6  # steps before and after an alarm in which a hand may move the object: a shove lasts half a second
 HAND = 0.012  # [m] standard deviation of the slide over the sensor meanwhile
@@ -317,3 +317,29 @@ ROUGH = (0.006, 0.006, 0.15)  # [m, m, rad] standard deviations of a pose that l
 HOPELESS = (0.02, 0.02, 0.2)  # [m, m, rad] those of one too rough for one graph to find the object
 PLACE_SIGMA = (0.003, 0.01, 0.157)  # [m, m, rad] along the normal, along the outline, yaw: half of that
 KNOWN_YAW, ANY_YAW = 0.236, 1.7  # [rad] deviations of yaw up to which one value is tried, and from which all are alike
+
+# Limits of plausible frames.
+ANYWHERE_SIGMA = 1.0, 1.0, 2.0  # [m, m, rad] of an object that may be anywhere; larger ones may be millimetres
+LARGEST_ERROR = 5e-3, 0.1  # [m, rad] of a stated pose, with those of mounting and outline
+ACCELERATION = 10.0, 100.0  # [m/s^2, rad/s^2] largest of a robot arm: 11 mm a frame at 30 Hz, which 0.33 m/s makes
+LONGEST_GAP = 60.0  # [s] between frames; a clock that jumps farther is accepted at its second frame
+SLOW = 1.5  # nominal intervals between frames in the mean, from which a stream is slow: a third of its frames are lost
+HIDDEN = 2e-3  # [m] of motion that may hide behind a pose that repeats and does no harm
+SUDDEN = 0.5  # share of its speed from which a robot does not stop at once: its pose is frozen
+SIDEWAYS = 1.22  # [rad] 70 degrees from the sensor's x axis, from which a push is sideways
+
+# Limits of what touch images show.
+SIGNIFICANT = 4.0  # standard deviations by which a touched cell is off the untouched gel, as in the paper
+LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are above the steps, up to 3, of JPEG at quality 75
+START = 0.01  # share of significant values from which the gel is touched: the paper's for its smallest contacts
+"""Noise alone makes 6e-5 of them (normal distribution beyond 4 standard deviations), and 1.3e-3 while the deviation is
+known from 15 frames (Student's). One percent is the area of 12 of 1200 cells, 4 mm^2 of a DIGIT's pad."""
+MOST = 0.5  # share of a change from which it is thin lines, a scratch, and of an image from which a change is noise
+NO_GEL = 0.8  # share of significant values from which no gel is seen: touches make up to 0.7
+NO_GEL_IN_DOUBT = 0.6  # the same while a calibration may be of another unit, which mostly makes more
+UNLIKE = 8.0  # [grey levels] between cells of images that do not show one gel at rest: 12 miss how a contact begins
+DARKER = 12.0  # [grey levels] of markers below the gel around them: with 8 real gels without any have some
+MEMORY, EVERY = 90, 5  # images over which the background follows the light, 3 s at 30 Hz; one in five is used
+LIGHT = 3.0  # factor by which the light may change either way while the gel still shows
+CORNER_LOGIT = 2.0  # log odds of a corner from which its angle is a measurement
+FITS, SETTLED = 8, 1e-3  # most fits of the light, and its change, a quarter of a grey level, that ends them

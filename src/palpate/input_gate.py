@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.checks import FARTHEST
+from palpate.checks import FARTHEST, is_near
+from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
 from palpate.stream_monitor import PoseMonitor
@@ -29,10 +30,6 @@ from palpate.types.sensor import SensorProfile
 from palpate.types.space import gel_pose
 
 logger = logging.getLogger(__name__)
-
-_NEAR, _INSIDE = 3.0, 5e-3  # [standard deviations] and [m] of clearance: may touch, and touches for sure
-DRAWN_BACK = 5e-3  # [m] by which a sensor in contact can draw back from its farthest point, since it cannot pull
-_FARTHEST_POSE = np.array([1e4, 1e4, FARTHEST])  # [m, m, rad]
 
 
 class InputGate:
@@ -103,8 +100,8 @@ class InputGate:
         elif reads_images and contact:
             raise FrameError(f"{when} has no image, and learnt touch needs one")
         self.paused = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
-        has_drawn_back = self._poses.drawn_back > DRAWN_BACK
-        unseen = max(self.hidden_motion, DRAWN_BACK if has_drawn_back else 0.0)
+        has_drawn_back = self._poses.drawn_back > LARGEST_ERROR[0]  # which it could not in contact, as it cannot pull
+        unseen = max(self.hidden_motion, LARGEST_ERROR[0] if has_drawn_back else 0.0)
         self.unobserved_push = self._poses.pushed if self.paused else unseen
         self.touches_since_start, self.hidden_motion = touches_since_start, self._poses.hidden
         if image is not None and has_drawn_back:
@@ -115,21 +112,21 @@ class InputGate:
     def _touches_since_start(self, distance: float, deviation: float, in_contact: bool) -> bool:
         if self.touches_since_start:
             return True
-        came_later = in_contact if self.background is not None else distance >= _NEAR * deviation
+        came_later = in_contact if self.background is not None else distance >= UNLIKELY * deviation
         self._may_show_touch = not came_later
         # Mounting and outline may be wrong by some millimetres.
-        return self._may_show_touch and distance < -max(deviation, _INSIDE)
+        return self._may_show_touch and distance < -max(deviation, LARGEST_ERROR[0])
 
     def _learns_anew(self, clearance: tuple[float, float] | None) -> bool:
         """Take a new steady view as the untouched gel, unless something may touch."""
         if clearance is None or self._detector.new_view is None:
             return False
         distance, deviation = clearance
-        if self._has_touched and distance < _NEAR * deviation + _INSIDE:
+        if self._has_touched and distance < UNLIKELY * deviation + LARGEST_ERROR[0]:
             return False
         logger.warning("the untouched gel is learnt anew, from images that are steady and unlike it")
         self._detector.take(self._detector.new_view)
-        self._may_show_touch = distance < _NEAR * deviation
+        self._may_show_touch = distance < UNLIKELY * deviation
         return True
 
     def accept(self, frame: Frame) -> None:
@@ -160,9 +157,8 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
     if not isinstance(frame.contact, bool | np.bool_ | None):
         raise FrameError(f"{when} has contact {frame.contact!r}; it must be True, False or None")
-    if pose is None or (np.abs(pose) > _FARTHEST_POSE).any():
-        limits = f"x and y up to {_FARTHEST_POSE[0]:g}, theta up to {_FARTHEST_POSE[2]:g}"
-        allowed = f"three finite numbers x [m], y [m], theta [rad], {limits}"
+    if pose is None or not is_near(pose).all():
+        allowed = f"three finite numbers x [m], y [m], theta [rad], up to {FARTHEST:g}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
     is_array = isinstance(image, np.ndarray)
     if image is not None and not (is_array and image.dtype == np.uint8 and image.ndim == 3):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array
 from palpate.checks import SPAN, TURNS
 from palpate.compiled import is_cached
-from palpate.config import NoiseSettings, TactileChoice, TrackerSettings
+from palpate.config import ANYWHERE_SIGMA, UNLIKELY, NoiseSettings, TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry import se2
@@ -31,8 +31,6 @@ from palpate.types.measurements import Frame, Measurement, finite_numbers
 from palpate.types.sensor import POINT, SensorProfile, known_sensor
 
 logger = logging.getLogger(__name__)
-
-ANYWHERE, ANYWHERE_SIGMA = (0.0, 0.0, 0.0), (1.0, 1.0, 2.0)  # [m, m, rad] an object that may be anywhere
 
 
 class Tracker:
@@ -178,7 +176,7 @@ class Tracker:
             logger.warning("sensor pose has theta %.4g rad: are these degrees?", frame.sensor_pose[2])
         pose, covariance = self._first
         apart = float(np.hypot(*(frame.sensor_pose - pose)[:2]))
-        if apart > SPAN + 3.0 * float(np.sqrt(np.diagonal(covariance)[:2].max())):
+        if apart > SPAN + UNLIKELY * float(np.sqrt(np.diagonal(covariance)[:2].max())):
             logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
 
     def _measure(self, frame: Frame) -> Sequence[Measurement]:
@@ -236,7 +234,7 @@ def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: Tra
 
     `sigma` are standard deviations (3,) or a covariance (3, 3). Raises SettingError on what is none.
     """
-    first = finite_numbers(ANYWHERE if pose is None else pose, (3,))
+    first = finite_numbers(np.zeros(3) if pose is None else pose, (3,))
     if first is None:
         allowed = "three finite numbers x [m], y [m], theta [rad], or None"
         raise SettingError(f"first pose is {pose!r}; it must be {allowed}")

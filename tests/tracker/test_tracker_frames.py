@@ -33,7 +33,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "time that is nan": ({"time": np.nan}, r"^frame has time nan; it must be a finite number \[s\]$"),
     "no pose": ({"sensor_pose": None}, "sensor pose None; it must be three finite numbers"),
     "pose of two": ({"sensor_pose": [0.0, 1.0]}, "it must be three finite numbers"),
-    "pose 20 km off": ({"sensor_pose": [0.0, 2e4, 1.0]}, "x and y up to 10000"),
+    "pose 2000 km off": ({"sensor_pose": [0.0, 2e6, 1.0]}, r"theta \[rad\], up to 1e\+06"),
     "pose that leans": (
         {"sensor_pose": (0.0, 0.0, 0.1, 0.0, 0.6, 0.0, 0.8)},
         "x axis -73.7 degrees out of the plane",

@@ -277,7 +277,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"plane": (0.0, 0.0, 0.0)}, "not all 0"),
         ({"plane": "fit", "poses": LINE}, "moves along a line, 0.0 mm across"),
         ({"off_plane": "a"}, "off_plane is 'a'; allowed is a length above 0"),
-        ({"time_offset": np.nan}, "time_offset is nan; allowed are up to 1e.07 s"),
+        ({"time_offset": np.nan}, "time_offset is nan; allowed are up to 1e.06 s"),
     ],
 )
 def test_what_does_not_fit_is_said(change, words):

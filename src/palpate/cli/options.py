@@ -59,13 +59,13 @@ class Start:
 
     def pose_and_sigma(self) -> tuple[Numbers | None, Numbers | None]:
         """Return the first pose and its sigma, None where not given. Raises SettingError where options conflict."""
-        from palpate.tracker import ANYWHERE, ANYWHERE_SIGMA
+        from palpate.config import ANYWHERE_SIGMA
 
         if not self.first_pose_unknown:
             return self.first_pose, self.first_pose_sigma
         if self != Start(first_pose_unknown=True):
             raise SettingError("--first-pose-unknown cannot be combined with --first-pose or --first-pose-sigma")
-        return ANYWHERE, ANYWHERE_SIGMA
+        return (0.0, 0.0, 0.0), ANYWHERE_SIGMA
 
 
 @dataclass(frozen=True)

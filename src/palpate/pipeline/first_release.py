@@ -9,9 +9,9 @@ from contextlib import suppress
 import numpy as np
 
 from palpate.arrays import Array
+from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FileError
 from palpate.geometry import se2
-from palpate.input_gate import DRAWN_BACK
 from palpate.touch.background import SteadyImages, first_frames
 from palpate.touch.calibration import Calibration
 from palpate.touch.contact_detector import touched
@@ -28,11 +28,11 @@ def release_after_start(
         return None
     sensor, pose, count = recording.sensor, recording.sensor_pose, first_frames(recording.sensor.rate)
     gap = sensor.gaps(pose[:count], np.tile(first_pose, (len(pose[:count]), 1)), recording.shape)
-    if gap.min() > 5e-3 + 3.0 * np.hypot(*first_pose_sigma[:2]):
+    if gap.min() > LARGEST_ERROR[0] + UNLIKELY * np.hypot(*first_pose_sigma[:2]):
         return None
     ahead = np.append(0.0, np.cumsum(se2.between(pose[:-1], pose[1:])[:, 0]))  # along the sensor's x axis
     steady = SteadyImages(sensor.rate)
-    for index in np.flatnonzero(np.maximum.accumulate(ahead) - ahead > DRAWN_BACK).tolist():
+    for index in np.flatnonzero(np.maximum.accumulate(ahead) - ahead > LARGEST_ERROR[0]).tolist():
         with suppress(FileError):  # of a damaged image
             image = recording[index].image
             if image is None or (gel := steady.add(image)) is None:

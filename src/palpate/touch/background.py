@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels
+from palpate.config import DARKER, START, UNLIKE
 from palpate.errors import SettingError
-from palpate.touch.cells import cells_of, change_in_light, compare, is_dark, is_flat, is_grey
+from palpate.touch.cells import NEIGHBOURS, cells_of, change_in_light, compare, is_dark, is_flat, is_grey, third_of_cell
 
 logger = logging.getLogger(__name__)
 
 AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
-
-UNLIKE = np.float32(8.0)  # [grey levels] between cells of images that do not show one gel at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +90,7 @@ def _are_alike(image: Image, other: Image) -> bool:
         return False
     cells, before = cells_of(image), cells_of(other)
     change, level = np.abs(cells - before).mean(axis=(0, 1)), before.mean(axis=(0, 1))
-    moves = compare(cells, before, UNLIKE) > 0.01
+    moves = compare(cells, before, np.float32(UNLIKE)) > START
     return not moves and bool((change < 2.0 + 0.2 * level).all())  # lamps flicker by less
 
 
@@ -112,27 +111,23 @@ def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") ->
         logger.warning("%s seem to have been scaled to their size while they lay on their side: turn them", name)
 
 
-# Markers: dots on some gels, darker than the gel around them. Sizes in pixels, 13 are 0.8 mm on a GelSight Mini.
-_MARKER, _SMALLEST_MARKER, _FEWEST_MARKERS, _MARKER_EDGE = 13, 3, 20, 3
-_DARKER = 12.0  # [grey levels]
-
-
 def has_markers(image: AnyImage) -> bool:
-    """Return true if an image (height, width, 3) of an untouched gel shows a grid of markers."""
+    """Return true if an image (height, width, 3) of an untouched gel shows a grid of markers: enough for a touch."""
     import cv2
 
     dark, _ = _dark_dots(image)
     _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
-    extent = stats[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
-    return int(((extent >= _SMALLEST_MARKER) & (extent < _MARKER)).all(axis=1).sum()) >= _FEWEST_MARKERS
+    extent, (edge, size) = stats[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]], _edge_and_size(image)
+    dots = ((extent >= edge) & (extent < size)).all(axis=1)
+    return stats[1:][dots, cv2.CC_STAT_AREA].sum() > START * dark.size
 
 
 def without_markers(image: AnyImage) -> AnyImage:
     """Return an image (height, width, 3) in which markers look like the gel around them."""
     import cv2
 
-    dark, filled = _dark_dots(image)
-    hidden = cv2.dilate(dark, np.ones((_MARKER_EDGE, _MARKER_EDGE), np.uint8))
+    (dark, filled), (edge, _) = _dark_dots(image), _edge_and_size(image)
+    hidden = cv2.dilate(dark, np.ones((edge, edge), np.uint8))
     unmarked: Any = cv2.copyTo(filled, hidden, image.copy())
     return unmarked
 
@@ -141,6 +136,13 @@ def _dark_dots(image: NDArray[Any]) -> tuple[NDArray[np.uint8], Any]:
     """Return a mask (height, width) of small dark dots, and the image with these filled by a grey closing."""
     import cv2
 
-    filled = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((_MARKER, _MARKER), np.uint8))
+    _, size = _edge_and_size(image)
+    filled = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
     darker = cv2.cvtColor(cv2.subtract(filled, image), cv2.COLOR_RGB2GRAY)
-    return (darker > _DARKER).astype(np.uint8), filled
+    return (darker > DARKER).astype(np.uint8), filled
+
+
+def _edge_and_size(image: NDArray[Any]) -> tuple[int, int]:
+    """Return the width of the edge of markers, and that which none has [px]: 0.8 mm on a GelSight Mini."""
+    third = third_of_cell(*image.shape[:2])
+    return max(round(third), 1), max(round(NEIGHBOURS * third), 1)

@@ -6,21 +6,25 @@ of 0.1 mm shows, and the gel spreads every touch over more than a cell of 0.6 mm
 
 import math
 from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels, Records
 from palpate.compiled import compiled
+from palpate.config import FITS, LEAST_DEVIATION, LIGHT, SETTLED, SIGNIFICANT
 
+Pixels = TypeVar("Pixels", bound=NDArray[Any])
 Light = NDArray[np.float64]
 """(channels, 3): relative brightness in the middle of an image, and its change to the right and to the lower border."""
 
-SPARSE = 8  # every eighth pixel is looked at for colours and for whether two images are the same
-_ACROSS = 30  # cells over the shorter side
-_OUTLIER = 2.0  # [grey levels] off the light's plane, from which a cell hardly counts
-_FITS, _SETTLED = 8, 1e-3  # most reweighted fits of the plane, and the change of light that ends them
-_DIMMEST, _BRIGHTEST = 0.3, 3.0  # relative brightness
+ACROSS = 30
+"""Cells over the shorter side of an image."""
+NEIGHBOURS = 5
+"""Thirds of cells across a square in which what fills less than half, as a scratch, is thinner than a touch."""
+_OUTLIER = 0.5 * SIGNIFICANT * LEAST_DEVIATION
+"""[grey levels] off the light's plane from which a cell hardly counts: half of what is significant."""
 
 
 def is_dark(image: Image | Levels) -> bool:
@@ -37,13 +41,25 @@ def is_grey(image: Image | Levels) -> bool:
     """Return true if all channels of an image (height, width, 3) are equal, also in a black one."""
     if image.ndim != 3:
         return False
-    red, green, blue = (image[::SPARSE, ::SPARSE, channel] for channel in range(3))
+    sparse = sparse_pixels(image)
+    red, green, blue = (sparse[..., channel] for channel in range(3))
     return bool((red == green).all() and (green == blue).all())
+
+
+def sparse_pixels(image: Pixels) -> Pixels:
+    """Return one pixel a cell of an image (height, width, 3), which shows its colours and if it is another."""
+    step = int(cell_width(*image.shape[:2]))
+    return image[::step, ::step]  # pyright: ignore[reportReturnType]
 
 
 def cell_width(height: int, width: int) -> float:
     """Return the width of a cell [px] in an image of this size [px]."""
-    return max(min(height, width) / _ACROSS, 1.0)
+    return max(min(height, width) / ACROSS, 1.0)
+
+
+def third_of_cell(height: int, width: int) -> float:
+    """Return the width of a third of a cell [px], the finest that is looked at."""
+    return cell_width(height, width) / 3.0
 
 
 def cells_of(image: Image | Levels) -> Levels:
@@ -60,12 +76,11 @@ def wide_cells_of(image: Image) -> Levels:
     import cv2
 
     height, width = image.shape[:2]
-    pixels = cell_width(height, width)
-    sample = pixels / 3  # a median over five of these removes lines of half a cell
+    pixels, sample = cell_width(height, width), third_of_cell(height, width)
     if sample < 1.0:
         return cells_of(image)
     samples = np.rint(area_means(image, round(height / sample), round(width / sample))).astype(np.uint8)
-    thick = np.asarray(cv2.medianBlur(samples, 5), np.uint8)
+    thick = np.asarray(cv2.medianBlur(samples, NEIGHBOURS), np.uint8)
     return area_means(thick, round(height / pixels), round(width / pixels))
 
 
@@ -150,7 +165,7 @@ def _change(image: Records, untouched: Records, light: Light) -> Records:
             right = 2.0 * (column + 0.5) / columns - 1.0
             for channel in range(channels):
                 part = light[channel, 0] + light[channel, 1] * right + light[channel, 2] * down
-                part = np.float32(min(max(part, _DIMMEST), _BRIGHTEST))
+                part = np.float32(min(max(part, 1.0 / LIGHT), LIGHT))
                 out[row, column, channel] = image[row, column, channel] - part * untouched[row, column, channel]
     return out
 
@@ -162,7 +177,7 @@ def _fit(cells: Levels, untouched: Levels, planes: Light, system: Light) -> None
     for channel in range(channels):
         middle, right, down = planes[channel, 0], planes[channel, 1], planes[channel, 2]
         seen, known = cells[channel], untouched[channel]
-        for _ in range(_FITS):
+        for _ in range(FITS):
             system[:] = 0.0
             for i in range(3):
                 system[i, i] = 1.0  # so that a black channel has a fit
@@ -197,6 +212,6 @@ def _fit(cells: Levels, untouched: Levels, planes: Light, system: Light) -> None
             for i in range(3):
                 system[i, 3] /= system[i, i]
             middle, right, down = middle + system[0, 3], right + system[1, 3], down + system[2, 3]
-            if max(abs(system[0, 3]), abs(system[1, 3]), abs(system[2, 3])) < _SETTLED:
+            if max(abs(system[0, 3]), abs(system[1, 3]), abs(system[2, 3])) < SETTLED:
                 break
         planes[channel, 0], planes[channel, 1], planes[channel, 2] = middle, right, down

@@ -7,29 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Flags, Image, Levels
+from palpate.config import EVERY, LEAST_DEVIATION, MEMORY, MOST, NO_GEL, NO_GEL_IN_DOUBT, RECENT, SIGNIFICANT, START
 from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, check_view, mismatch
-from palpate.touch.cells import SPARSE, cells_of, compare, is_grey, wide_cells_of
+from palpate.touch.cells import cells_of, compare, is_grey, sparse_pixels, wide_cells_of
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
-START = 0.01
-"""Share of significant values from which the gel is touched: the paper's for its smallest contacts.
-
-Noise alone makes 6e-5 of them (normal distribution beyond 4 standard deviations), and 1.3e-3 while the deviation is
-known from 15 frames (Student's). One percent is the area of 12 of 1200 cells, 4 mm^2 of a DIGIT's pad.
-"""
-END = 0.005
+_END = 0.5 * START
 """Share at which a touch ends: half, so that a faint one does not flicker, and still well above noise."""
-
-_SIGNIFICANT = 4.0  # standard deviations of a cell, as in the paper
-_LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are above the steps, up to 3, of JPEG at quality 75
-_NO_GEL, _NO_GEL_IN_DOUBT = 0.8, 0.6  # shares from which no gel is seen; touches make 0.55, other units mostly over 0.6
-_THIN = 0.5  # part of the share left without thin lines, below which they are a scratch and no touch
-_MOST_SCRATCHED = 0.08  # share that scratches reach: a line across the gel changes 0.05
-_MOST_REPEATS, _NOISE = 6, 0.25  # identical images in a row from a camera whose noise changes this share of values
-_MEMORY, _EVERY = 90, 5  # frames over which the background follows the light, 3 s at 30 Hz; one in five is used
 
 
 class ContactDetector:
@@ -111,13 +98,13 @@ class ContactDetector:
         self._check_gel(image, cells, share)
         self._check_not_repeated(image)
         self.share = share
-        self._touched = share > (END if self._touched else START)
+        self._touched = share > (_END if self._touched else START)
         if not self._touched:
             self._doubted = ""
-        if self.share <= END:
+        if self.share <= _END:
             self._untouched_images += 1
-            if self._untouched_images % _EVERY == 0:
-                self._use(self.background.followed(image, _EVERY / _MEMORY))
+            if self._untouched_images % EVERY == 0:
+                self._use(self.background.followed(image, EVERY / MEMORY))
         return self._touched
 
     def forget(self) -> None:
@@ -135,24 +122,24 @@ class ContactDetector:
         self.background = background
         self._cells, self._wide_cells, self._look = cells_of(background.mean), None, None
         self._is_grey = is_grey(background.mean)
-        self._tolerance = np.float32(_SIGNIFICANT) * np.maximum(background.noise, np.float32(_LEAST_DEVIATION))
+        self._tolerance = np.float32(SIGNIFICANT) * np.maximum(background.noise, np.float32(LEAST_DEVIATION))
 
     def _significant_share(self, image: Image, cells: Levels) -> float:
         if is_grey(image) != self._is_grey:  # the camera's mode is another, or it sees nothing
             return 1.0
         share = compare(cells, self._cells, self._tolerance)
-        if share <= END or share > _MOST_SCRATCHED:
+        if share <= _END:
             return share
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
             self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
         if self._look is None or abs(share - self._look[0]) > 0.1 * share:  # a touch adds more
             self._look = share, compare(wide_cells_of(image), self._wide_cells, self._tolerance)
-        return self._look[1] if self._look[1] < _THIN * share else share
+        return self._look[1] if self._look[1] < MOST * share else share
 
     def _check_gel(self, image: Image, cells: Levels, share: float) -> None:
         """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""
-        shows_gel = share <= (_NO_GEL_IN_DOUBT if self._doubted else _NO_GEL)
+        shows_gel = share <= (NO_GEL_IN_DOUBT if self._doubted else NO_GEL)
         if shows_gel:
             self._steady.seen.clear()
             self.new_view = None
@@ -171,12 +158,12 @@ class ContactDetector:
             )
 
     def _check_not_repeated(self, image: Image) -> None:
-        sparse = image[::SPARSE, ::SPARSE].copy()
+        sparse = sparse_pixels(image).copy()
         changed = 1.0 if self._sparse is None else np.count_nonzero(sparse != self._sparse) / sparse.size
         self._sparse = sparse
-        self._is_noisy = self._is_noisy or (self._repeats > 0 and changed > _NOISE)
+        self._is_noisy = self._is_noisy or (self._repeats > 0 and changed > MOST)
         self._repeats = 1 if changed else self._repeats + 1
-        if self._repeats > _MOST_REPEATS and self._is_noisy:
+        if self._repeats > RECENT and self._is_noisy:
             raise SettingError(
                 f"image: found the same {self._repeats} times, to the last bit; expected is some noise, as there was "
                 "before: the camera stands still"

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from palpate.arrays import Image, Levels
-from palpate.config import TactileChoice
+from palpate.config import CORNER_LOGIT, TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
@@ -14,7 +14,6 @@ from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import is_grey
 from palpate.touch.touch_model import (
     COLUMNS,
-    CORNER_LOGIT,
     ROWS,
     TouchModel,
     difference_in_light,

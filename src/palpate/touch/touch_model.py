@@ -34,15 +34,12 @@ FORMAT, VERSION, NETWORK = "palpate-touch-model", 3, "touch.onnx"
 ROWS, COLUMNS = 32, 128
 """Size of a difference. Imprints of upright objects stand along the rows, and their yaw shows across the columns, down
 to the shading beside a corner's line of a millimetre: so columns are finer."""
-_LIGHT_COLUMNS = 32  # enough to find the light
 LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
 
 OUTPUTS = (("direction", "turn", "corner"), ("direction", "turn", "place"), ("direction",))
 """Outputs of a model of a round tip, of a flat gel, and of one trained on presses."""
 SIZES = {"corner": 4}
 """Numbers of an output that has more than mean and log variance."""
-CORNER_LOGIT = 2.0
-"""Log odds of a corner from which its angle is a measurement."""
 _DATA = Path(__file__).resolve().parents[1] / "data"
 SHIPPED = _DATA / "digit"
 SHIPPED_OF = {"DIGIT": SHIPPED, "GelSight Mini": _DATA / "gelsight_mini"}
@@ -58,9 +55,9 @@ def reduced(image: NDArray[np.uint8] | Difference) -> Difference:
 def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
     """Return the difference (ROWS, COLUMNS, 3) of an image (height, width, 3) from the background's reduced mean.
 
-    The background is taken in the light of the image, which may have changed.
+    The background is taken in the light of the image, which may have changed and is found in ROWS x ROWS of them.
     """
-    return change_in_light(reduced(image), reduced_mean, _LIGHT_COLUMNS) / np.float32(LEVELS)
+    return change_in_light(reduced(image), reduced_mean, ROWS) / np.float32(LEVELS)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-LONGEST_GAP = 0.5
+FARTHEST_GAP = 0.5
 """[s] between two poses of a moving frame, beyond which it is unknown in between."""
 STEEPEST = 20.0
 """[deg] Largest angle of a sensor's x axis out of the plane, where its yaw is good, or z axis off the normal."""
@@ -96,7 +96,7 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
     after = np.clip(np.searchsorted(time, wanted), 1, len(seconds) - 1)
     moved = np.linalg.norm(np.diff(position, axis=0), axis=1) > 1e-4
     moved |= (turns[:-1].inv() * turns[1:]).magnitude() > 1e-3
-    is_gap = (moved & (np.diff(seconds) > LONGEST_GAP)) | (np.diff(np.searchsorted(lost, time)) > 0)
+    is_gap = (moved & (np.diff(seconds) > FARTHEST_GAP)) | (np.diff(np.searchsorted(lost, time)) > 0)
     # A pose just at the time is known whatever comes before or after it.
     known = ((wanted >= time[0]) & (wanted <= time[-1]) & ~is_gap[after - 1]) | np.isin(wanted, time)
     between = np.column_stack([np.interp(inside, seconds, column) for column in position.T])
@@ -119,8 +119,8 @@ def onto_gel(placement: Placement) -> Callable[[Placed], Placed]:
         gel = placed_now("sensor_T_gel", numbers)
     if checks.checked_number(placement.off_plane, 1e-9, checks.FARTHEST) is None:
         raise SettingError(f"off_plane is {placement.off_plane!r}; allowed is a length above 0 [m]")
-    if checks.checked_number(offset, -checks.LONGEST, checks.LONGEST) is None:
-        raise SettingError(f"time_offset is {offset!r}; allowed are up to {checks.LONGEST:g} s, forwards or backwards")
+    if checks.checked_number(offset, -checks.FARTHEST, checks.FARTHEST) is None:
+        raise SettingError(f"time_offset is {offset!r}; allowed are up to {checks.FARTHEST:g} s, forwards or backwards")
     return lambda sensor: sensor if gel is None else sensor @ gel
 
 

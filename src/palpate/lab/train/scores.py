@@ -9,12 +9,13 @@ import torch
 from numpy.typing import NDArray
 
 from palpate.arrays import Array
+from palpate.config import CORNER_LOGIT
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.lab.train.augment import batch
 from palpate.lab.train.networks import TouchNetwork
 from palpate.lab.train.samples import Samples
-from palpate.touch.touch_model import CORNER_LOGIT, Spread
+from palpate.touch.touch_model import Spread
 
 Indices = NDArray[np.int_]
 Errors = Mapping[str, tuple[Array, Array, Indices]]
@@ -46,13 +47,9 @@ def errors_of(network: TouchNetwork, samples: Samples) -> Errors:
         elif name == "turn":
             found[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
         else:
-            mean = mean + output[:, 2] * (samples.cone - RIGHT_ANGLE)
+            error = mean + output[:, 2] * (samples.cone - RIGHT_ANGLE) - samples.corner
             at = np.isfinite(samples.corner) & (output[:, 3] > CORNER_LOGIT)
-            found[name] = (
-                without_offsets((mean - samples.corner)[at], variance[at], contact[at]),
-                variance[at],
-                contact[at],
-            )
+            found[name] = without_offsets(error[at], variance[at], contact[at]), variance[at], contact[at]
     return found
 
 
