@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
@@ -112,9 +113,9 @@ def by_contact(study: str) -> Iterator[Row]:
     yield scored("all", rows)
 
 
-def knocked() -> Iterator[Row]:
-    """Yield a row for each shoved object, and for all."""
-    rows = sequences("knocked")
+def by_object(study: str) -> Iterator[Row]:
+    """Yield a row for each object, and for all."""
+    rows = sequences(study)
     for name in dict.fromkeys(row["group"].partition("-")[0] for row in rows):
         yield scored(name, [row for row in rows if row["group"].partition("-")[0] == name])
     yield scored("all", rows)
@@ -125,14 +126,6 @@ def ways() -> Iterator[Row]:
     rows = sequences("ways")
     for way in ("none", "learnt", "oracle"):
         yield scored(f"`{way}`", [row for row in rows if row["tactile"] == way])
-
-
-def mini() -> Iterator[Row]:
-    """Yield a row for each contact of the simulated GelSight Mini."""
-    for study, set_up in (("ideal", "exact set-up"), ("real", "its errors drawn")):
-        rows = sequences(f"gelsight_mini/{study}")
-        for group in ("disc", "rectangle-edges", "ellipse"):
-            yield scored(f"{SEEN[group]}; {set_up}", [row for row in rows if row["group"] == group])
 
 
 # Real recordings
@@ -269,10 +262,10 @@ TABLES: dict[str, Table] = {
             **OF_OBJECTS,
             "lost": "{lost}",
         },
-        knocked,
+        partial(by_object, "knocked"),
     ),
     "ways": Table({"touch": "{name}", "sequences": "{count}", **SCORES, "lost": "{lost}"}, ways),
-    "mini": Table({"objects; set-up": "{name}", "sequences": "{count}", **SCORES}, mini),
+    "mini": Table({"objects": "{name}", "sequences": "{count}", **SCORES}, partial(by_object, "gelsight_mini")),
     "real-motion": Table({"motion; touch": "{name}", "runs": "{count}", **SCORES}, real_motion),
     "real-runs": Table(
         {
