@@ -193,7 +193,8 @@ class Tracker:
         if self._moved.any() and estimate.contact:  # the object goes with the sensor
             answers = tuple(replace(one, pose=se2.compose(self._moved, one.pose)) for one in estimate.answers)
             estimate = replace(estimate, pose=se2.compose(self._moved, estimate.pose), answers=answers)
-        status, reason = estimate.status, gate.doubt or estimate.reason or gate.weakness
+        reasons = filter(None, (estimate.reason, gate.weakness))
+        status, reason = estimate.status, gate.doubt or "; ".join(reasons)
         if gate.hidden_motion:
             moved = f"the sensor may have moved {1e3 * gate.hidden_motion:.0f} mm since"
             status, reason = "faulty", f"the sensor's pose is frozen; {moved}"
