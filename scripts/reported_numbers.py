@@ -357,6 +357,7 @@ TABLES: dict[str, Table] = {
             "final error": "{set_up_errors[final_mm]:.1f}, {ideal[final_mm]:.1f} mm",
             "in 95 %": "{set_up_errors[in_95_contact_share]:.0%}, {ideal[in_95_contact_share]:.0%}",
             "nats": "{set_up_errors[nats]:.1f}, {ideal[nats]:.1f}",
+            "medians": "{set_up_errors[nats_median]:.1f}, {ideal[nats_median]:.1f}",
         },
         of_json(
             "docs/study/choices.json",
