@@ -296,7 +296,7 @@ SHORT = 5  # steps over which innovations are judged: more tell no more shoves
 PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
 ALARMS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
 """Mean squares of innovations in these steps [variances] from which something else may have moved the object.
-Where nothing did, directions reach theirs 2.6 times in a minute of contact, the others less (`docs/study/alarms.json`)."""
+Where nothing did, directions reach theirs 2.6 times a minute of contact, others less (`docs/study/alarms.json`)."""
 UNLIKELY = 3.0  # standard deviations from which a distance or a pose contradicts, and a place is not considered
 SEVERAL, RECENT = 3, 10  # of the last frames from which a contradiction, a jump or a standstill counts, not one error
 FOUND = (0.005, 0.005, 0.1)  # [m, m, rad] standard deviations from which on a displaced object is found again
