@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.checks import FARTHEST, is_near
+from palpate.checks import FARTHEST
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
 from palpate.graph.own_measurements import check_own
@@ -157,7 +157,7 @@ def checked_frame(frame: Frame, measurements: Any, tips: int) -> Frame:
         raise FrameError(f"{when} has neither an image nor a contact flag; the tracker needs one of them")
     if not isinstance(frame.contact, bool | np.bool_ | None):
         raise FrameError(f"{when} has contact {frame.contact!r}; it must be True, False or None")
-    if pose is None or not is_near(pose).all():
+    if pose is None or (np.abs(pose) > FARTHEST).any():
         allowed = f"three finite numbers x [m], y [m], theta [rad], up to {FARTHEST:g}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
     is_array = isinstance(image, np.ndarray)
