@@ -153,24 +153,17 @@ def column_name(written: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", written.lower()).strip("_")
 
 
-def table_columns(path: Path | str) -> list[str]:
-    """Return the names of a table's columns, as `column_name` writes them."""
-    text = read_text(path)
-    return [column_name(cell) for _, header in table_rows(text.partition("\n")[0], path)[:1] for cell in header]
+def read_table(path: Path | str, needed: Sequence[str], optional: Sequence[str] = ()) -> list[tuple[int, list[str]]]:
+    """Return these columns of a table with a header, row by row with its line; cells of absent optional ones are "".
 
-
-def read_table(path: Path | str, needed: Sequence[str], optional: str = "") -> list[tuple[int, list[str]]]:
-    """Return these columns of a table with a header, row by row with its line; an optional one may be "" throughout.
-
-    Raises FileError where one is missing, and where another may be meant by an optional one that is not there.
+    Raises FileError where one is missing, and where another may be meant by the optional ones, none of which is there.
     """
-    text = read_text(path)
+    text = re.sub(r"\Asep=.", "", read_text(path))  # as Excel writes
     (_, header), *rows = table_rows(text, path, text.strip().partition("\n")[0]) or [(1, [])]
-    names, wanted = [column_name(cell) for cell in header], [*needed, *filter(None, [optional])]
-    missing = [name for name in wanted if name not in names]
-    others = [cell for cell, name in zip(header, names, strict=True) if name not in wanted]
-    if (missing and missing != [optional]) or (missing and others) or len(set(names)) < len(names):
-        expected = " and ".join(filter(None, (", ".join(needed), optional and f"{optional}, which may be missing")))
+    names, wanted = [column_name(cell) for cell in header], [*needed, *optional]
+    is_other = not set(names) <= set(wanted) and bool(optional) and set(names).isdisjoint(optional)
+    if is_other or not set(needed) <= set(names) or len(set(names)) < len(names):
+        expected = ", ".join(needed) + f" and {' or '.join(optional)}, which may be missing" * bool(optional)
         raise FileError(f"{path}: found the columns {', '.join(header) or 'of no table'}; expected {expected}")
     for line, row in rows:
         if len(row) != len(header):

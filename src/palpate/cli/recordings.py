@@ -1,6 +1,7 @@
 """`palpate info`, `convert` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
 
 from dataclasses import asdict
+from itertools import repeat
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Any
@@ -69,8 +70,7 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
     import numpy as np
 
     gel, direction = calibration.background, calibration.direction
-    height, width = gel.mean.shape[:2]
-    pitch = calibration.pixel_pitch
+    (height, width), pitch = gel.mean.shape[:2], calibration.pixel_pitch
     return {
         "height": height,
         "width": width,
@@ -100,8 +100,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     try:
         recording = recording_of(found, palpate.Disc(0.05), choices, profile).recording
     except FileError as error:
-        others = "" if sensor != "digit" else "; for images of a GelSight Mini, --sensor gelsight-mini"
-        return bag | {"advice": f"{error}{others}"}
+        return bag | {"advice": str(error)}
     damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
     options = (f" --sensor {sensor}" if sensor != "digit" else "") + (orientation and f" --orientation {orientation}")
     return bag | {
@@ -138,16 +137,16 @@ def calibrate(
             contact angles (column angle_deg) or places along the pad's width (column place_mm) or, with the column file
             alone, by hand in order from -y to +y, which finds left and right only.
         untouched: Images of the untouched gel, in place of FILE.
-        ruler: Distance of two edges, such as a caliper's jaws, or balls that are pressed in side by side across the
+        ruler: Distance, from middle to middle, of two thin edges or balls that are pressed in side by side across the
             image, as 8mm, and the image that shows them.
         pushes: Three or more recordings of one robot, better ten, without ground truth, of several objects and sides.
             They show the errors of mounting, delay, directions and outlines; UNIT.png draws them. Without FILE or
-            images, their first half seconds are the untouched gel.
+            images, the first half second of the first one is the untouched gel.
         model: Folder of the touch model that reads presses and pushes.
     """
     from palpate.pipeline.figures import draw, push_figure
     from palpate.pipeline.push_calibration import first_images, learn_from_pushes, read_push
-    from palpate.touch.background import background_of
+    from palpate.touch.background import background_of, is_moved
     from palpate.touch.calibration import write_calibration
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
@@ -157,21 +156,29 @@ def calibrate(
     from palpate.types.sensor import known_sensor
 
     if (file and untouched) or not (file or untouched or pushes):
-        raise SettingError("calibrate: give either a recording or --untouched images, also with --presses")
-    new_file(out, force)
+        raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
+    for each in (out, *([out.with_suffix(".png")] if pushes else [])):
+        new_file(each, force)
     pushed = [palpate.load_recording(each, orientation) for each in pushes]
-    recording = palpate.load_recording(file, orientation) if file else None
-    profile = (recording or pushed[0]).sensor if recording or pushed else known_sensor(sensor)
+    recorded = [palpate.load_recording(file, orientation)] if file else pushed
+    if len(names := sorted({each.sensor.name for each in (*recorded, *pushed)})) > 1:
+        raise SettingError(f"calibrate: the recordings are of several sensors, {', '.join(names)}; allowed is one")
+    profile = recorded[0].sensor if recorded else known_sensor(sensor)
     size, view = (profile.image_height, profile.image_width), camera_view(orientation)
 
     def look(path: Path) -> Any:
         with in_file(path):
-            return fitted(read_image(path), size, view)
+            if is_grey(image := fitted(read_image(path), size, view)) and presses and model is None:
+                raise FileError(GREY)
+            return image
 
-    still = [look(each) for each in untouched] or list(first_images([recording] if recording else pushed))
-    reader = palpate.TouchModel(model) if model else shipped_model(profile.name) if presses or pushes else None
-    numbers: dict[str, Any] = {"untouched": len(still)}
-    with in_file(file or out):
+    still = [look(each) for each in untouched] or list(first_images(recorded[0]))
+    for path, image in zip(untouched or repeat(file or pushes[0]), still, strict=False):
+        if is_moved(image, still[0]):
+            raise FileError(f"{path}: shows a touch, or another gel than the first image")
+    reader: Any = palpate.TouchModel(model) if model else (presses or pushes) and shipped_model(profile.name)
+    numbers: dict[str, Any] = {"file": file and str(file), "out": str(out), "untouched": len(still)}
+    with in_file(file or (*untouched, *pushes)[0]):
         calibration = palpate.Calibration(background_of(still))
     if ruler:
         length = numbers_of([ruler[0].removesuffix("mm")]) if ruler[0].endswith("mm") else None
@@ -182,14 +189,11 @@ def calibrate(
     if presses:
         pressed = read_presses(presses, look, profile)
         with in_file(presses):
-            if model is None and any(map(is_grey, (*still, *pressed.images))):
-                raise FileError(GREY)
-            assert reader
             calibration, scatter = learn_from_presses(pressed, calibration, profile, reader)
         numbers |= {"presses": len(pressed.images), "keeps_left_and_right": calibration.view.keeps_left_and_right}
         numbers["scatter_deg"] = degrees(scatter)
     notes = [] if presses is None else ["Presses find left and right only; up and down may be wrong."]
-    if reader and pushed:
+    if pushed:
         with progress_bar(f"fitting {len(pushed)} pushes"):
             learnt = learn_from_pushes([read_push(each, reader, calibration) for each in pushed], calibration)
         calibration, about = learnt.calibration, learnt.about()
@@ -198,7 +202,6 @@ def calibrate(
         notes += [f"These pushes do not show: {', '.join(unknown)}."] if unknown else []
         draw(out.with_suffix(".png"), lambda file: push_figure(learnt).savefig(file, format="png", dpi=120))
     write_calibration(calibration, out, overwrite=force)
-    files = {"file": file and str(file), "out": str(out)}
     if presses and not calibration.view.keeps_left_and_right:
         notes += ["Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y."]
-    return Report("calibration", files | numbers | about_calibration(calibration), notes=notes)
+    return Report("calibration", numbers | about_calibration(calibration), notes=notes)

@@ -1,11 +1,10 @@
 """Calibration of a robot by ordinary pushes without truth: one fit over what is common to all of them.
 
-With its own first pose, friction and path, each push gives a Gaussian on the numbers that all pushes share. Their
-product, less the prior that each one counts again, is that of all. Four of the numbers are variables of the graph. The
-place of the sensor along its y and the delay of images are not: each push is fitted at several of both, and a quadratic
-through its costs, with the motion of the four, gives a Gaussian on all six. A push that finds another solution there
-says nothing of these two, and one that contradicts the others counts less. A mounting error along x acts like a deeper
-indentation, and one in yaw like an offset of all directions, so depth and offset include them.
+With its own first pose, friction and path, each push gives a Gaussian on the numbers that all share; their product,
+less the prior that each one counts again, is that of all. Four of the numbers are variables of the graph. The place of
+the sensor along its y and the delay of images are not: each push is fitted at several of both, and a quadratic through
+its costs, with the motion of the four, gives a Gaussian on all six. A push that finds another solution there says
+nothing of these two. A mounting error along x is in the indentation, and one in yaw in the offset of directions.
 """
 
 import logging
@@ -20,6 +19,7 @@ import numpy as np
 from palpate.arrays import Array, Image
 from palpate.config import LAG, NoiseSettings
 from palpate.errors import EstimationError, FileError
+from palpate.files import in_file
 from palpate.filter.hypotheses import costs_of_contact
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
@@ -61,14 +61,13 @@ _Fit = tuple[float, Array, Array]
 """Cost, mean (4,) and covariance (4, 4) of the shared variables."""
 _Expansion = tuple[Array, float, Array, Array]
 """Numbers (6,) at which a push was fitted, its cost there, and slope (6,) and curvature (6, 6) of the cost."""
-_APART = 4.0  # misfit from which pushes are not of one robot
+_APART = 2.5  # misfit from which pushes are not of one robot
 
 
-def first_images(recordings: Sequence[Recording]) -> Iterator[Image]:
-    """Yield the images of the first half second of each recording, taken as untouched unless flags say otherwise."""
-    for recording in recordings:
-        frames = (recording[index] for index in range(min(first_frames(recording.sensor.rate), len(recording))))
-        yield from (frame.image for frame in frames if frame.image is not None and not frame.contact)
+def first_images(recording: Recording) -> Iterator[Image]:
+    """Yield the images of the first half second of a recording, taken as untouched unless flags say otherwise."""
+    frames = (recording[index] for index in range(min(first_frames(recording.sensor.rate), len(recording))))
+    return (frame.image for frame in frames if frame.image is not None and not frame.contact)
 
 
 class Push(NamedTuple):
@@ -90,14 +89,15 @@ def read_push(recording: Recording, model: TouchModel, calibration: Calibration)
     contact, measurements = [False], []
     for frame in recording:
         assert frame.image is not None
-        image = detector.read(frame.image)
-        contact.append(detector.update(image))
+        with in_file(f"{name}: frame {len(measurements)}"):
+            image = detector.read(frame.image)
+            contact.append(detector.update(image))
         if contact[-2] and not contact[-1]:
             touch.end_contact()
         frame = replace(frame, image=image)
         measurements.append(tuple(touch.read(frame, detector.background)) if contact[-1] else ())
-    if not any(contact):
-        raise FileError(f"{name}: is never in contact, and a calibration by pushes needs contacts")
+    if len(set(contact[1:])) < 2:
+        raise FileError(f"{name}: is touched in all frames or in none, and a calibration by pushes needs both")
     return Push(replace(recording, image=None, contact=np.array(contact[1:])), measurements)
 
 
@@ -114,7 +114,7 @@ class PushFit:
     each: Array
     """The same of the first four by each push alone, (N, 4, 2)."""
     misfit: float
-    """Chi-square of the pushes about their joint fit over its degrees of freedom; 1 if errors are as stated."""
+    """Chi-square of the pushes, as far as they count, about their fit by degree of freedom; 1 with errors as stated."""
 
     def about(self) -> dict[str, dict[str, float]]:
         """Return the numbers as plain data, in the units of their names."""
@@ -126,11 +126,9 @@ class PushFit:
 def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushFit:
     """Return the calibration that the pushes were read with, with what they show of the robot besides.
 
-    Pushes whose graphs have no solution are left out, with a warning. Raises FileError if fewer than FEWEST are left,
-    or if they are of several sensors or robots.
+    Pushes, of one sensor, whose graphs have no solution are left out, with a warning. Raises FileError if fewer than
+    FEWEST are left, or if they are of several robots.
     """
-    if len(names := sorted({push.recording.sensor.name for push in pushes})) > 1:
-        raise FileError(f"the pushes are of several sensors, {', '.join(names)}; allowed is one")
     sensor, direction = pushes[0].recording.sensor, calibration.direction
     unit = calibrated(sensor, calibration)
     noise = noise_of_unit(NoiseSettings(), replace(calibration, set_up=None), unit.pixel_pitch_sigma)
@@ -146,10 +144,8 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         except EstimationError as error:
             logger.warning("%s: is left out (%s)", push.recording.file, error)
     if len(solved) < FEWEST:
-        raise FileError(
-            f"found {len(solved)} pushes; at least {FEWEST} are needed, from first poses and with outlines that fit"
-        )
-    mean, covariance, misfit = _joined([_expansion(fits, size) for _, fits in solved], before)
+        raise FileError(f"found {len(solved)} pushes; at least {FEWEST} are needed, whose poses and outlines fit")
+    mean, covariance, misfit, weights = _joined([_expansion(fits, size) for _, fits in solved], before)
     mirrored = math.inf
     with suppress(EstimationError):
         mirrored = sum(_fitted(push, _OUTSIDE[:, 0], noise, sign=-1.0)[0] for push, _ in solved)
@@ -161,6 +157,11 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
             f"the pushes do not belong together: they differ by {misfit:.1f} times what their errors allow, and "
             f"those of one robot by {_APART:g} at most; are outlines and first poses right, and is it one mounting?"
         )
+    for (push, _), weight in zip(solved, weights.tolist(), strict=True):
+        if weight < 0.1:
+            logger.warning(
+                "%s: contradicts the others, so it hardly counts: wrong pose or outline?", push.recording.file
+            )
     if (np.abs(mean - before[:, 0])[4:] > 2.0 * size).any():
         logger.warning("sensor or images are off by 2 mm or two frames: correct sensor_T_gel or time_offset first")
     after = np.column_stack([mean, np.minimum(np.sqrt(np.diagonal(covariance)), before[:, 1])])
@@ -228,15 +229,16 @@ def _expansion(fits: Sequence[_Fit], step: Array) -> _Expansion:
     return np.append(means[best], _OUTSIDE[:, 0]), costs[best], np.append(np.zeros(4), slope), curvature
 
 
-def _joined(expansions: Sequence[_Expansion], prior: Array) -> tuple[Array, Array, float]:
-    """Return mean (6,) and covariance (6, 6) of the numbers by all pushes and a prior (6, 2), and the misfit.
+def _joined(expansions: Sequence[_Expansion], prior: Array) -> tuple[Array, Array, float, Array]:
+    """Return mean (6,) and covariance (6, 6) of the numbers by N pushes and a prior (6, 2), misfit and weights (N,).
 
     The cost of each push includes the prior of the four shared variables, which counts once. A push that fits the
     common numbers worse than half of them counts by so much less.
     """
     at, costs, slopes, curvatures = (np.array(each) for each in zip(*expansions, strict=True))
     once = np.diag(prior[:, 1] ** -2.0)
-    again, mean, covariance, rise, apart = once * (np.arange(6) < 4), prior[:, 0], once, 0.0 * costs, 0.0 * costs
+    again, mean, covariance, rise = once * (np.arange(6) < 4), prior[:, 0], once, 0.0 * costs
+    weights, apart = 0.0 * costs + 1.0, 0.0 * costs
     for _ in range(20):
         together = np.maximum(costs + rise, 1.0)
         weights = np.minimum(np.median(together) / together, 1.0)
@@ -246,4 +248,4 @@ def _joined(expansions: Sequence[_Expansion], prior: Array) -> tuple[Array, Arra
         off = mean - at
         apart = np.einsum("ni,nij,nj->n", off, curvatures, off)
         rise = np.sum(slopes * off, axis=1) + 0.5 * apart
-    return mean, covariance, float(apart.sum() / (4.0 * (len(costs) - 1.0)))
+    return mean, covariance, float(weights @ apart / (4.0 * (weights.sum() - 1.0))), weights

@@ -84,14 +84,16 @@ class SteadyImages:
         return found
 
 
+def is_moved(image: Image, other: Image) -> bool:
+    """Return true if something moves between two images, in whatever light, or they are of two gels."""
+    return compare(cells_of(image), cells_of(other), np.float32(UNLIKE)) > START
+
+
 def _are_alike(image: Image, other: Image) -> bool:
     """Return true if nothing moves between two images, and the camera and its light have settled."""
-    if is_grey(image) != is_grey(other):
-        return False
-    cells, before = cells_of(image), cells_of(other)
-    change, level = np.abs(cells - before).mean(axis=(0, 1)), before.mean(axis=(0, 1))
-    moves = compare(cells, before, np.float32(UNLIKE)) > START
-    return not moves and bool((change < 2.0 + 0.2 * level).all())  # lamps flicker by less
+    before = cells_of(other)
+    is_lit = np.abs(cells_of(image) - before).mean(axis=(0, 1)) < 2.0 + 0.2 * before.mean(axis=(0, 1))  # lamps flicker
+    return is_grey(image) == is_grey(other) and bool(is_lit.all()) and not is_moved(image, other)
 
 
 def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") -> None:

@@ -45,9 +45,8 @@ def check_view(cells: Levels, untouched: Levels, name: str) -> None:
 
     off = {view: misfit(view) for view in VIEWS}
     best = min(off, key=off.__getitem__)
-    # For images in the right view the ratio is at most 0.7, in contact and in another light, and for those of other
-    # units below 3 but for one in 300; in a wrong view 97 in 100 are above. A symmetric gel fits equally well, but for
-    # rounding to a grey level.
+    # In the right view the ratio is at most 0.7, and of other units below 3 but for one in 300; in a wrong view 97 in
+    # 100 are above. A symmetric gel fits equally well, but for rounding to a grey level.
     if off[AS_IT_IS] > 3.0 * (off[best] + 1.0):
         raise SettingError(
             f"image: lies otherwise than {name}: it fits {best}, {off[best]:.1f} grey levels off in the median and not "
@@ -132,8 +131,8 @@ def mismatch(calibration: Calibration, sensor: SensorProfile) -> str:
         )
     if found == expected or not sensor.image_height:
         return ""
-    sizes = ["{} x {}".format(*size) for size in (found, expected)]
-    return f"{name}: is of images of {sizes[0]} px; those of sensor {sensor.name!r} have {sizes[1]}"
+    sizes = "{} x {} px; those of sensor {!r} have {} x {}".format(*found, sensor.name, *expected)
+    return f"{name}: is of images of {sizes}"
 
 
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
@@ -177,14 +176,14 @@ def load_calibration(path: Path | str) -> Calibration:
         offset, scale, *sigmas = numbers("direction", 4)
         pitch, pitch_sigma = numbers("pixel_pitch", 2)
         is_direction = np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)
-        is_pitch = (np.isnan(pitch) or 0.0 < pitch < 1.0) and 0.0 <= pitch_sigma <= 0.5
+        is_pitch = (np.isnan(pitch) or 1e-6 <= pitch <= 1e-2) and 0.0 <= pitch_sigma <= 0.5
         is_set_up = set_up.dtype.kind == "f" and (not set_up.size or set_up.shape == (4, 2))
         is_set_up = is_set_up and (np.abs(set_up) <= 1.0).all() and (set_up[..., 1:] > 0.0).all()
         for name, is_right, allowed in (
             ("set_up", is_set_up, "nothing, or four numbers up to 1 with sigmas above 0"),
             ("view", view, "quarter turns 0 or 2, 0 or 1, and channels 0, 1, 2"),
             ("direction", is_direction, "an offset, a scale above 0 and sigmas above 0"),
-            ("pixel_pitch", is_pitch, "a length [m] and a sigma from 0 to 0.5"),
+            ("pixel_pitch", is_pitch, "a length from 1e-6 to 0.01 m and a sigma from 0 to 0.5"),
         ):
             if not is_right:
                 raise FileError(f"{name}: found {arrays[name].tolist()}, expected {allowed}")

@@ -1,11 +1,8 @@
 """Making a calibration: untouched gel, pixel pitch by a ruler, and by presses the camera view and errors of directions.
 
-A ruler is two edges, or two balls, that are pressed in a known distance apart.
-
 A ball, rod or edge is pressed on the gel at known angles or places. The model is asked in every view of the right size;
 in the right one, measured angles lie on a line over the true ones. Of presses by hand the order from one side to the
-other is enough: in the right view imprints lie in this order, and their places give the angles. That shows the view,
-and none of the errors.
+other is enough: imprints lie in it in the right view. That shows the view, and none of the errors.
 """
 
 import math
@@ -17,9 +14,9 @@ import numpy as np
 
 from palpate.arrays import Array, Image
 from palpate.errors import FileError
-from palpate.files import in_file, numbers_of, read_table, table_columns
+from palpate.files import in_file, numbers_of, read_table
 from palpate.touch.background import Background
-from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorrection, calibrated
+from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorrection, calibrated, mismatch
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import angle_factor
@@ -57,7 +54,7 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     alike *= 2.0 / max(alike[0], 1e-9)
     least, most = (round(length / (share * sensor.pixel_pitch)) for share in reversed(PITCHES))
     least, most = max(least, 1), min(most, round(0.9 * columns))  # columns between two imprints
-    if most - least < 2:
+    if most - least < 2 or length > 2.0 * (sensor.half_width or length):
         found = f"a ruler of {1e3 * length:g} mm is not what an image of {sensor.name!r} shows"
         raise FileError(f"{found}, some {1e3 * sensor.pixel_pitch * columns:.0f} mm")
     best = least + int(np.argmax(alike[least : most + 1]))
@@ -82,8 +79,7 @@ class Presses:
     images: tuple[Image, ...]
     """Each (height, width, 3) RGB."""
     angle: Array
-    """Contact direction, (N,) [rad]; see `measurements.ContactDirection`. NaN if only their order is known, from -y to
-    +y."""
+    """Contact direction, (N,) [rad], see `measurements.ContactDirection`; NaN if only their order from -y is known."""
     names: tuple[str, ...]
     """Name of each in messages."""
     are_relative: bool = False
@@ -97,25 +93,26 @@ def read_presses(
 
     `look` reads an image. With the sensor, places (place_mm) may stand for angles; presses in order need neither.
     """
+    needed, optional = (("file",), ("angle_deg", "place_mm")) if sensor else (("file", "angle_deg"), ())
+    rows = read_table(path, needed, optional)
+    given = [at for at in (1, 2) if any(any(cells[at : at + 1]) for _, cells in rows)] or [1] * (sensor is None)
+    if len(given) > 1:
+        raise FileError(f"{path}: found the columns angle_deg and place_mm; one of them is needed")
     column, most, unit = "angle_deg", 90.0, "degrees"
-    if sensor and "place_mm" in (columns := table_columns(path)):
-        if column in columns:
-            raise FileError(f"{path}: found the columns place_mm and angle_deg; one of them is needed")
+    if sensor and given == [2]:
         column, most, unit = "place_mm", 1e3 * (0.0 if sensor.flat_width else sensor.radius), "mm on a round gel"
-    rows = read_table(path, ("file",) if sensor else ("file", column), column if sensor else "")
-    has_numbers = any(number for _, (_, number) in rows)
-    numbers, images = np.full(len(rows), np.nan), []
-    for index, (line, (name, number)) in enumerate(rows):
-        if has_numbers:
-            numbers[index] = (numbers_of([number]) or [np.nan])[0]
-            if not abs(numbers[index]) <= most:
-                raise FileError(f"{path}: line {line}: {column} is {number!r}; expected -{most:g} to {most:g} {unit}")
-        if not name.isprintable() or not name:
-            raise FileError(f"{path}: line {line}: file is {name!r}; expected the name of an image")
-        images.append(look(path.parent / name))
-    names, are_relative = tuple(name for _, (name, _) in rows), unit != "degrees"
-    angles = np.arcsin(1e-3 * numbers / sensor.radius) if sensor and are_relative else np.radians(numbers)
-    return Presses(tuple(images), angles, names, are_relative)
+    numbers, images = np.full(len(rows), np.nan), {}
+    for index, (line, (name, *cells)) in enumerate(rows):
+        with in_file(f"{path}: line {line}"):
+            for at in given:
+                numbers[index] = (numbers_of(cells[at - 1 : at]) or [np.nan])[0]
+                if not abs(numbers[index]) <= most:
+                    raise FileError(f"{column} is {cells[at - 1]!r}; expected -{most:g} to {most:g} {unit}")
+            if not name.isprintable() or not name or name in images:
+                raise FileError(f"file is {name!r}; expected the name of an image, each once")
+            images[name] = look(path.parent / name)
+    angles = np.arcsin(1e-3 * numbers / sensor.radius) if sensor and given == [2] else np.radians(numbers)
+    return Presses(tuple(images.values()), angles, tuple(images), given == [2])
 
 
 def check_spread(angle: Array) -> None:
@@ -130,9 +127,8 @@ def learn_from_presses(
 ) -> tuple[Calibration, float]:
     """Return a calibration with what presses show besides, and the scatter of directions about the line [rad].
 
-    All images, and the calibration's untouched gel, are as the camera gives them, in the profile's size. Raises
-    FileError if presses are too few, too close together, show no touch or do not lie on a line. Presses in order need a
-    round gel.
+    All images, also of the untouched gel, are as the camera gives them, in the profile's size. Raises FileError if
+    presses are too few, too close together, show no touch or lie on no line. Presses in order need a round gel.
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
@@ -147,20 +143,23 @@ def learn_from_presses(
     exchanged = max(fit[0] for fit in fits if fit[1].view.keeps_left_and_right != side)
     for name, image in zip(presses.names, presses.images, strict=True):
         with in_file(name):
-            detector = ContactDetector(sensor, found)
+            detector = ContactDetector(sensor, replace(found, direction=calibration.direction))
             if not detector.update(detector.read(image)):
                 raise FileError("shows no touch against the untouched gel; does that show one?")
     if log_likelihood == -math.inf:
         raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
     if not is_measured:
         check_spread(angle)
-    over, worst = ("the given angles", WORST) if is_measured else ("the places of the imprints", 2.0 * WORST)
+    given = f"the given {'places in mm' if presses.are_relative else 'angles in degrees'}"
+    over, worst = (given, WORST) if is_measured else ("the places of the imprints", 2.0 * WORST)
     if scatter > worst:
         raise FileError(
-            f"what the presses show lies {np.degrees(scatter):.1f} degrees about a line over {over}, "
-            f"allowed are {np.degrees(worst):.0f}: are {over} right, and is the untouched gel of this unit, and "
-            "untouched?"
+            f"what the presses show lies {np.degrees(scatter):.1f} degrees about a line over {over}, which make "
+            f"{np.degrees(np.ptp(angle)):.2g} degrees in all; allowed are {np.degrees(worst):.0f}: are they right, and "
+            "is the untouched gel of this unit, and untouched?"
         )
+    if wrong := mismatch(found, sensor):
+        raise FileError(wrong)
     if log_likelihood - exchanged < LEFT_OR_RIGHT:
         within = f"found presses within {np.degrees(np.ptp(angle)):.1f} degrees"
         raise FileError(f"{within}, less than noise can tell left from right by; add some farther apart")

@@ -128,6 +128,8 @@ def scaled(image: Image, size: tuple[int, int]) -> Image:
 
 def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> Image:
     """Return an image in a view and of a size (rows, columns), scaled if it is a multiple of it; else FileError."""
+    if not size[0]:
+        raise FileError("is an image, and the sensor has none: is it another?")
     found = scaled(view.of(image), size)
     if found.shape[:2] == size:
         return found
@@ -136,8 +138,8 @@ def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> 
         question = f"they lie upright before they are turned by {90 * view.quarter_turns} degrees"
     elif found.shape[:2] == size[::-1]:
         question = (
-            "they lie on their side: orientation='90' (--orientation 90) turns them as digit-interface does, 270 the "
-            "other way, and scales multiples"
+            "they are of another --sensor, or lie on their side: orientation='90' (--orientation 90) turns them as "
+            "digit-interface does, 270 the other way, and scales multiples"
         )
     raise FileError(f"found {image.shape[0]} rows and {image.shape[1]} columns, the sensor has {size}: {question}")
 
