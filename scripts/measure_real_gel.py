@@ -2,13 +2,12 @@
 
     python scripts/measure_real_gel.py [../shared/data/digit_balls]
 
-The folder holds the presses, `untouched.png` and `truth.csv`. True angles follow from the columns of the balls by the
-scale that the owner of this unit states. The images are read as they are or as another camera
-would deliver them, without calibration or after `palpate calibrate` on five presses, which are then left out of the
-scores. `slope` and `offset_deg` are of the measured angle over the true one; `pairs_rms_deg` is the error of the change
-between any two presses, `constant_pairs_rms_deg` that of the claim that nothing changes. A side that rolls over the gel
-moves its imprint as these presses do and turns the sensor the other way: `turns_rms_deg` is the error of such turns.
-Of a GelSight Mini, places of balls and of two upright edges are compared with their columns in the images.
+The folder holds the presses, `untouched.png` and `truth.csv`. True angles follow from the columns of the balls, the
+middles of their halos, by the scale that the owner of this unit states. Images are read as they are or as others come,
+without calibration or after `palpate calibrate` on five presses, which are left out of the scores then. `slope` and
+`offset_deg` are of the measured angle over the true one, `flanks_slope` of where a ball's green flank meets the red
+one, which needs no model; `pairs_rms_deg` is the error of the change between any two presses, and that of no
+change. A side that rolls moves its imprint as presses do and turns the sensor the other way: `turns_rms_deg`.
 """
 
 import csv
@@ -19,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from _common import DATA, write
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from palpate import DIGIT, GELSIGHT_MINI, Calibration
 from palpate.arrays import Image
@@ -98,7 +98,19 @@ def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
         presses = Presses(tuple(images[k] for k in chosen), true[chosen], tuple(rows[k]["file"] for k in chosen))
         calibration, _ = learn_from_presses(presses, calibration, DIGIT, shipped_model(DIGIT.name))
     left = np.setdiff1d(np.arange(len(true)), chosen)
-    return scored(calibration, [images[k] for k in left], true[left])
+    scores = scored(calibration, [images[k] for k in left], true[left])
+    if calibrate_on == 1:
+        change = zip(np.array(images, np.float64) - untouched, [float(row["row_px"]) for row in rows], strict=True)
+        scores["flanks_slope"] = float(np.polyfit(column, [meeting(*each) for each in change], 1)[0])
+    return scores
+
+
+def meeting(change: Array, row: float) -> float:
+    """Return the column where the green flank of a ball at a row meets the red one, by the rows that show both."""
+    flanks = gaussian_filter(change[..., 1] - change[..., 0], 3.0)[max(round(row) - 50, 0) : round(row) + 50]
+    left, both = flanks.argmax(axis=1), np.minimum(flanks.max(axis=1), -flanks.min(axis=1))
+    falls = (np.arange(flanks.shape[1]) > left[:, None]) & (flanks <= 0.0)
+    return float(np.average(falls.argmax(axis=1), weights=np.maximum(both - 8.0, 0.0) * (left < flanks.argmin(axis=1))))
 
 
 def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[str, float]:
