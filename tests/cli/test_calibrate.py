@@ -50,6 +50,7 @@ def test_the_first_half_second_without_contact_is_a_calibration(succeeds, json_o
     assert found.mean.mean() == pytest.approx(100.0, abs=0.1)
     assert np.median(found.noise) == pytest.approx(1.3, abs=0.1)  # of cells of a pixel and a bit
     assert "--force replaces it" in fails("calibrate", "rest.mcap", "--out", "unit.npz")
+    assert "'.png' is of no calibration" in fails("calibrate", "rest.mcap", "--out", "unit.png")
     told = json_of("calibrate", "rest.mcap", "--out", "unit.npz", "--force")
     assert told.pop("noise_levels") == pytest.approx(1.3, abs=0.1)
     shown = {"file": "rest.mcap", "out": "unit.npz", "untouched": 10, "height": 48, "offset_sigma_deg": None}
@@ -89,10 +90,10 @@ def test_untouched_images_are_a_calibration(json_of):
     [
         (("--untouched", "320-0.png", "240-0.png"), "240-0.png: found 240 rows and 320 columns"),
         (("--untouched", "320-0.png", "--sensor", "gelsight-mini"), "320-0.png: found 320 rows and 240 columns"),
-        (("--untouched", "320-0.png", "--sensor", "nose"), "sensor is 'nose'; allowed are digit, gelsight-mini"),
         (("--untouched", "320-0.png", "--sensor", "point"), "320-0.png: is an image, and the sensor has none"),
         (("--untouched", "320-0.png", "other.png"), "other.png: shows a touch, or another gel than the first image"),
         (("--pushes", "rest.mcap", "rest.mcap", "disc.mcap"), "the recordings are of several sensors, point, small"),
+        (("--untouched", "320-0.png", "--ruler", "8mm"), "found '8mm'; expected words such as 8mm caliper.png"),
         ((), "give either a recording or --untouched images"),
         (("rest.mcap", "--untouched", "320-0.png"), "give either a recording or --untouched images"),
     ],

@@ -221,7 +221,7 @@ def test_a_ruler_measures_the_pixel_pitch(tmp_path, narrow, run_palpate, fails):
         ("6mm", "one.png", "one.png: found no two imprints of the ruler side by side 6 mm apart"),
         ("13 mm", "two.png", "no two imprints of the ruler side by side 13 mm apart: are they one, or is the length"),
         ("19mm", "two.png", "a ruler of 19 mm is not what an image of 'DIGIT' shows, some 15 mm"),
-        ("6", "two.png", "found the length '6'; expected a number above 0 in mm, such as 8mm"),
+        ("6", "two.png", "two.png'; expected words such as 8mm caliper.png"),
         ("6mm", "small.png", "small.png: "),
     ):
         assert said in fails(*words, length, tmp_path / image, "--force")

@@ -117,7 +117,7 @@ def calibrate(
     out: Annotated[Path, arg("UNIT.npz")],
     presses: Annotated[Path | None, arg("PRESSES.csv", "none")] = None,
     untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
-    ruler: Annotated[tuple[str, Path] | None, arg("LENGTH IMAGE", "none")] = None,
+    ruler: Annotated[tuple[str, ...], arg("LENGTH IMAGE", "none")] = (),
     pushes: Annotated[tuple[Path, ...], arg("RECORDING", "none")] = (),
     sensor: Sensor = "digit",
     orientation: Orientation = "",
@@ -126,12 +126,10 @@ def calibrate(
 ) -> Report:
     """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses or pushes the rest.
 
-    Untouched images are files, or those of the first half second of a recording.
-
     Example: palpate calibrate --presses presses.csv --untouched still.png --out unit.npz
 
     Args:
-        file: A recording with images that begins untouched.
+        file: A recording with images, whose first half second is untouched.
         out: File of the calibration.
         presses: Five or more presses, which also show errors of directions: a CSV of images (column file) at known
             contact angles (column angle_deg) or places along the pad's width (column place_mm) or, with the column file
@@ -157,6 +155,8 @@ def calibrate(
 
     if (file and untouched) or not (file or untouched or pushes):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
+    if out.suffix.lower() != ".npz":
+        raise SettingError(f"{out}: extension {out.suffix!r} is of no calibration, allowed is .npz")
     for each in (out, *([out.with_suffix(".png")] if pushes else [])):
         new_file(each, force)
     pushed = [palpate.load_recording(each, orientation) for each in pushes]
@@ -181,11 +181,11 @@ def calibrate(
     with in_file(file or (*untouched, *pushes)[0]):
         calibration = palpate.Calibration(background_of(still))
     if ruler:
-        length = numbers_of([ruler[0].removesuffix("mm")]) if ruler[0].endswith("mm") else None
+        length = numbers_of([ruler[0][:-2]]) if len(ruler) == 2 and ruler[0].endswith("mm") else None
         if not (length and length[0] > 0.0):
-            raise SettingError(f"--ruler: found the length {ruler[0]!r}; expected a number above 0 in mm, such as 8mm")
+            raise SettingError(f"--ruler: found {' '.join(ruler)!r}; expected words such as 8mm caliper.png")
         with in_file(ruler[1]):
-            calibration = with_ruler(calibration, look(ruler[1]), 1e-3 * length[0], profile)
+            calibration = with_ruler(calibration, look(Path(ruler[1])), 1e-3 * length[0], profile)
     if presses:
         pressed = read_presses(presses, look, profile)
         with in_file(presses):
