@@ -85,10 +85,10 @@ def test_folders_that_cannot_be_learned_from(recordings, tmp_path, fails):
     assert "has no image; learning needs them" in fails("train", bare, "--out", out)
     sensor = dataclasses.replace(SENSOR, name="other")
     palpate.write_recording(dataclasses.replace(pushes(DISC, 1), sensor=sensor), other / "push.mcap")
-    said = fails("train", recordings, "--out", out, "--test", other)
-    assert "recordings to judge by: sensor 'other' with images of 64 x 128 px is not that" in said
+    assert "sensor 'other' is not the 'small' of" in fails("train", recordings, "--out", out, "--test", other)
+    assert "no recording can be judged by; the first: " in fails("train", recordings, "--out", out, "--test", bare)
     said = fails("train", recordings, "--out", out, "--from", "digit")
-    assert "sensor 'DIGIT' with images of 320 x 240 px is not that of the recordings" in said
+    assert "digit: sensor 'small' has images of 64 x 128 px, and the touch model is of 'DIGIT'" in said
 
 
 @pytest.mark.parametrize("command", ["train", "tune", "evaluate"])

@@ -66,7 +66,7 @@ class TouchReader:
         self._model = model or shipped_model(sensor.name)
         self._on_gel = angle_factor(self._model, calibrated(sensor, calibration))
         self._factors = {name: spread.factor for name, spread in self._model.settings.spread.items()}
-        self._misfit = _misfit(sensor, self._model)
+        self._misfit = misfit(sensor, self._model)
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
         if self.reads_images or (self._is_open and not self._misfit):
@@ -140,7 +140,7 @@ def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
     return sensor.shown
 
 
-def _misfit(sensor: SensorProfile, model: TouchModel) -> str:
+def misfit(sensor: SensorProfile, model: TouchModel) -> str:
     """Return the reason why a model cannot read the images of a sensor, or ""."""
     if (tips := len(sensor.tips)) > 1:
         return f"the sensor has {tips} tips, and the touch model reads images of one"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate import DIGIT, GELSIGHT_MINI
-from palpate.lab.train.augment import Augmentation, batch, draw_groups, varied_batch
+from palpate.lab.train.augment import Augmentation, batch, draw_groups, symmetry, varied_batch
 from palpate.lab.train.samples import KINDS, Samples
 
 LENGTHS = [5, 80, 11, 200, 6]
@@ -73,19 +73,29 @@ def test_brightness_and_colours_vary():
     assert many.mean(axis=(2, 3)).std() == pytest.approx(4 * 1.05 * 1.025 * spread, rel=0.05)
 
 
-def test_groups_are_flipped_with_their_angles():
+@pytest.mark.parametrize("signs", [(-1, 1), (1, -1), (0, -1)])
+def test_groups_are_flipped_with_their_angles(signs):
     image = np.arange(12, dtype=np.float16).reshape(2, 2, 3)
     given = dataclasses.replace(samples([50]), difference=np.broadcast_to(image, (50, 2, 2, 3)).copy())
-    chosen, changed = np.arange(6000).reshape(3000, 2) % 50, dataclasses.replace(NONE, flipped=0.5)
+    chosen, changed = np.arange(6000).reshape(3000, 2) % 50, dataclasses.replace(NONE, flipped=0.5, signs=signs)
     seen = varied_batch(given, chosen, DIGIT, np.random.default_rng(0), changed)
     looks = seen.difference.permute(0, 2, 3, 1).numpy().reshape(3000, 2, 2, 2, 3)
     np.testing.assert_array_equal(looks[:, 0], looks[:, 1])
     found = {look.tobytes(): float(each) for look, each in zip(looks[:, 0], seen.sign, strict=True)}
     wanted = {
-        image[:: 1 - 2 * up, :: 1 - 2 * over][..., order].astype(np.float32).tobytes(): 1.0 - 2.0 * over
-        for up, over, order in itertools.product((0, 1), (0, 1), itertools.permutations(range(3)))
+        image[:: 1 - 2 * up, :: 1 - 2 * over][..., order].astype("f4").tobytes(): signs[0] ** over * signs[1] ** up
+        for up, over, order in itertools.product((0, 1), (0, 1)[: 1 + abs(signs[0])], itertools.permutations(range(3)))
     }
-    assert found == wanted  # all 24, and angles change their sign where left and right do
+    assert found == wanted  # all 24, half of them if there are no mirrored ones, and angles change their sign with them
+
+
+@pytest.mark.parametrize(("way", "signs"), [((1, 0), (-1, 1)), ((0, 1), (1, -1)), ((1, 1), (0, 0))])
+def test_presses_show_how_flips_change_directions(way, signs):
+    at = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 120, 1, 1))  # of spots, along columns and rows
+    row, column = np.mgrid[-1:1:32j, -1:1:128j]
+    spot = np.exp(-5.0 * ((column - at[0]) ** 2 + (row - at[1]) ** 2))[..., None] * np.ones(3)
+    given = dataclasses.replace(samples([1] * 120), difference=spot, direction=0.2 * np.tensordot(way, at, 1).ravel())
+    assert symmetry(given) == signs
 
 
 def test_groups_are_moved_with_their_directions():

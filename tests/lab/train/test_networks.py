@@ -10,7 +10,7 @@ from scipy.stats import norm
 from test_augment import samples
 
 from palpate import EstimationError
-from palpate.lab.train.networks import WIDTH, TouchNetwork, exported, restore
+from palpate.lab.train.networks import WIDTH, Together, TouchNetwork, exported, restore
 from palpate.lab.train.scores import coverage, measure_spread, spread_of, without_offsets
 from palpate.lab.train.train import TrainSettings, split
 from palpate.touch.touch_model import COLUMNS, OUTPUTS, ROWS, session
@@ -41,6 +41,16 @@ def test_the_file_gives_the_network_s_outputs():
     first.CopyFrom(onnx.numpy_helper.from_array(np.zeros((WIDTH + 8, 3, 7, 7), np.float32), first.name))
     with pytest.raises(EstimationError, match="has no weights encoder"):
         restore(again, wider.SerializeToString())
+
+
+def test_networks_together_give_the_mixture_of_what_they_predict():
+    torch.manual_seed(0)
+    each = [TouchNetwork(OUTPUTS[2]).eval() for _ in range(3)]
+    seen = 3.0 * torch.randn(1, 3, ROWS, COLUMNS)
+    with torch.no_grad():
+        mean, variance = np.array([[out[0, 0], out[0, 1].exp()] for (out,) in (one(seen) for one in each)]).T
+    ((found,),) = session(exported(Together(each))).run(None, {"difference": seen.numpy()})  # type: ignore[misc]
+    np.testing.assert_allclose(found, [mean.mean(), np.log(variance.mean() + mean.var())], rtol=1e-4, atol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,12 @@
 """Batches of differences as other sensor units would see them, touched elsewhere."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 from torch import Tensor, nn
 
 from palpate.arrays import Array
@@ -40,6 +42,12 @@ class Augmentation:
     """Share of the pad's half width to which contacts are moved."""
     rise: int = 4
     """Rows by which contacts are moved up or down."""
+    signs: tuple[int, int] = (-1, 1)
+    """Factors on angles and places where images are mirrored and where they are upturned; 0 where they never are."""
+
+
+ONE_UNIT = Augmentation(gain=(0.85, 1.15), colour_gain=(0.9, 1.1), clouds=(0.1, 0.03), light=0.4, moved=0.0)
+"""Changes of images of one unit, which are known in their light."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ class Batch:
     difference: Tensor
     """(G F, 3, ROWS, COLUMNS), of G groups of F frames."""
     sign: Tensor
-    """Factor on angles and places of each group, (G, 1): -1 where images are mirrored."""
+    """Factor on angles and places of each group, (G, 1), by how its images are flipped."""
     moved: Tensor
     """Increase of the sine of each group's contact directions after that, (G, 1); on a flat pad of its places [m]."""
     is_flat: bool = False
@@ -105,8 +113,9 @@ def varied_batch(
     by = by or Augmentation()
     groups, size = chosen.shape
     difference = samples.difference[chosen].astype(np.float32)
-    mirrored, upturned = ((rng.random(groups) < 0.5) & (rng.random(groups) < 2.0 * by.flipped) for _ in range(2))
-    sign = np.where(mirrored, -1.0, 1.0)[:, None]
+    drawn = rng.random((2, 2, groups)) < np.array([0.5, 2.0 * by.flipped])[:, None]
+    mirrored, upturned = drawn.all(axis=1) & (np.array(by.signs)[:, None] != 0)
+    sign = (np.where(mirrored, by.signs[0], 1.0) * np.where(upturned, by.signs[1], 1.0))[:, None]
     right, down = _draw_moves(samples, chosen, sign, sensor, rng, by)
     for g in range(groups):
         flipped = difference[g][:, :: -1 if upturned[g] else 1, :: -1 if mirrored[g] else 1]
@@ -126,6 +135,24 @@ def varied_batch(
     seen = (_tensor(difference) + lasting.repeat_interleave(size, dim=0) + passing) * light.repeat_interleave(size, 0)
     by_columns = (right * _per_column(sensor))[:, None].astype(np.float32)
     return Batch(seen, torch.from_numpy(sign.astype(np.float32)), torch.from_numpy(by_columns), sensor.flat_width > 0.0)
+
+
+def symmetry(samples: Samples) -> tuple[int, int]:
+    """Return the factors on directions where images of a unit are mirrored and upturned; 0 where it looks otherwise.
+
+    They are those with which directions are told best from the other images by kernel ridge regression: a kernel summed
+    over how images are flipped has functions of that symmetry alone.
+    """
+    seen = samples.difference.astype(np.float32).reshape(len(samples), -1, COLUMNS // 4, 4, 3).mean(axis=3)
+    flipped = [each.reshape(len(seen), -1) for each in (seen, seen[:, :, ::-1], seen[:, ::-1], seen[:, ::-1, ::-1])]
+    apart = np.array([cdist(flipped[0], each, "sqeuclidean") for each in flipped])
+    same, mirrored, upturned, both = np.exp(-apart / apart[0].mean()) + 1.0
+    errors = {}
+    for across, down in product((-1, 0, 1), repeat=2):
+        kernel = same + across * mirrored + down * upturned + across * down * both
+        inverse = np.linalg.inv(kernel + 0.01 * np.eye(len(seen)))
+        errors[across, down] = np.abs(inverse @ samples.direction / np.diag(inverse)).mean()
+    return min(errors, key=errors.__getitem__)
 
 
 def moved(images: NDArray[np.float32], right: int, down: int) -> NDArray[np.float32]:

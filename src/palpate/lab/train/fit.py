@@ -1,9 +1,9 @@
-"""Gradient descent with a log, an early stop, and a checkpoint to continue from; and the losses it minimises."""
+"""Gradient descent with an early stop and a checkpoint to continue from; and the losses it minimises."""
 
-import csv
 import io
 import math
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,14 +46,14 @@ def fit(
     """Minimise the sum of losses; the network keeps the weights with the smallest sum on the held-out recordings.
 
     `draw` draws a batch, `losses` returns the losses on it, `held_out` those on recordings not trained on. `folder`
-    takes the log `<name>.csv` and the checkpoint `<name>.pt`, from which an interrupted run continues. Raises
-    EstimationError where a loss is not finite, and FileError on a checkpoint of another run.
+    takes the checkpoint `<name>.pt`, from which an interrupted run continues. Raises EstimationError where a loss is
+    not finite, and FileError on a checkpoint of another run.
     """
     optimiser = torch.optim.AdamW(network.parameters(), lr=settings.rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, total_steps=settings.steps)
     parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
     checkpoint = folder / f"{name}.pt"
-    progressed: dict[str, Any] = {"step": 0, "best": math.inf, "waited": 0, "best_state": _weights(network), "log": []}
+    progressed: dict[str, Any] = {"step": 0, "best": math.inf, "waited": 0}
     begun_with = {"seed": seed, "steps": settings.steps}
     if checkpoint.exists():
         progressed = _load(checkpoint, begun_with, parts)
@@ -78,19 +78,12 @@ def fit(
         total = sum(map(float, checked.values()))
         progressed["waited"] += 1
         if total < progressed["best"]:
-            progressed |= {"best": total, "waited": 0, "best_state": _weights(network)}
-        both = {f"batch_{key}": value for key, value in found.items()}
-        both |= {f"held_out_{key}": value for key, value in checked.items()}
-        progressed["log"].append({"step": step + 1} | {key: float(value.detach()) for key, value in both.items()})
+            progressed |= {"best": total, "waited": 0, "best_state": deepcopy(network.state_dict())}
         progressed["step"] = step + 1
-        _save(progressed | begun_with | {key: part.state_dict() for key, part in parts.items()}, checkpoint)
-        with (
-            whole_file(folder / f"{name}.csv", overwrite=True) as log,
-            log.open("w", newline="", encoding="utf-8") as file,
-        ):
-            writer = csv.DictWriter(file, list(progressed["log"][0]))
-            writer.writeheader()
-            writer.writerows(progressed["log"])
+        data = io.BytesIO()  # in memory first: on a full disk torch raises an error that does not say so
+        torch.save(progressed | begun_with | {key: part.state_dict() for key, part in parts.items()}, data)
+        with whole_file(checkpoint, overwrite=True) as part:
+            part.write_bytes(data.getvalue())
         if progress:
             progress(step + 1, ", ".join(f"{key} {float(value):.3g}" for key, value in checked.items()))
     network.load_state_dict(progressed["best_state"])
@@ -116,21 +109,10 @@ def offset_nll(error: Tensor, log_variance: Tensor, offset: float, among: Tensor
     return 0.5 * (joint.sum() / among.sum().clamp(min=1) + math.log(2.0 * math.pi))
 
 
-def _weights(network: nn.Module) -> dict[str, Tensor]:
-    return {key: value.clone() for key, value in network.state_dict().items()}
-
-
 def _check_finite(what: str, losses: Losses) -> None:
     if not all(torch.isfinite(value).all() for value in losses.values()):
         found = ", ".join(f"{key} {float(value.detach()):g}" for key, value in losses.items())
         raise EstimationError(f"{what}: {found}; losses must be finite")
-
-
-def _save(state: Mapping[str, Any], path: Path) -> None:
-    data = io.BytesIO()  # in memory first: on a full disk torch raises an error that does not say so
-    torch.save(state, data)
-    with whole_file(path, overwrite=True) as part:
-        part.write_bytes(data.getvalue())
 
 
 def _load(checkpoint: Path, begun_with: Mapping[str, int], parts: Mapping[str, Any]) -> dict[str, Any]:

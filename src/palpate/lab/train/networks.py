@@ -77,6 +77,21 @@ class TouchNetwork(nn.Module):
         return tuple(gaussian(self.get_submodule(name)(body)) for name in self.outputs)
 
 
+class Together(nn.Module):
+    """Networks of one output as one, which gives mean and log variance of the mixture of what they predict."""
+
+    def __init__(self, networks: Sequence[TouchNetwork]) -> None:
+        super().__init__()
+        self.networks = nn.ModuleList(networks)
+        self.outputs = networks[0].outputs
+
+    def forward(self, difference: Tensor) -> tuple[Tensor]:
+        """Return the output, (B, 2)."""
+        mean, log_variance = torch.stack([network(difference)[0] for network in self.networks]).unbind(dim=-1)
+        variance = log_variance.exp().mean(dim=0) + mean.var(dim=0, correction=0)
+        return (torch.stack([mean.mean(dim=0), variance.log()], dim=1),)
+
+
 def imprint(difference: Tensor) -> Tensor:
     """Return differences (B, 3, H, W) without faint surroundings: there the light wandered or the gel gave way.
 
@@ -120,7 +135,7 @@ def cell_centres(count: int) -> Tensor:
     return torch.from_numpy((np.arange(count, dtype=np.float32) + np.float32(0.5)) * np.float32(2.0 / count) - 1)
 
 
-def exported(network: TouchNetwork, close: float = 1e-4) -> bytes:
+def exported(network: TouchNetwork | Together, close: float = 1e-4) -> bytes:
     """Return a touch network as an ONNX file, checked to give the same outputs as in torch, within `close`.
 
     Weights keep their names, so that `restore` finds them. Raises EstimationError where outputs differ.
@@ -163,7 +178,7 @@ def restore(network: nn.Module, file: bytes) -> None:
         value.copy_(torch.from_numpy(numpy_helper.to_array(written[name]).copy()))
 
 
-def _with_biases(network: TouchNetwork) -> TouchNetwork:
+def _with_biases(network: TouchNetwork | Together) -> TouchNetwork | Together:
     """Return a copy in which every convolution has a bias, so that ONNX Runtime folds the batch normalisation into it.
 
     The weights themselves are not folded, for training may continue from them.

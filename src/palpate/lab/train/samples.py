@@ -146,17 +146,8 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         if np.ptp(direction) > _SPREAD:  # images show turns as much larger or smaller as they show directions
             yaw = float(np.polyfit(np.sin(direction), np.sin(shown), 1)[0]) * _unwrapped(yaw, episode)
         direction = shown
-    return Samples(
-        np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape),
-        np.full(len(frame), number),
-        episode,
-        yaw,
-        direction,
-        place,
-        kind,
-        corner,
-        cone,
-    )
+    seen = np.array([difference(each, mean) for each in images], dtype=np.float16).reshape(-1, *mean.shape)
+    return Samples(seen, np.full(len(frame), number), episode, yaw, direction, place, kind, corner, cone)
 
 
 def with_contact(recording: Recording, calibration: Calibration | None = None) -> Recording:
@@ -260,7 +251,5 @@ def _joined(parts: Sequence[Samples]) -> Samples:
     """All samples, with episodes numbered through."""
     counts = [int(part.episode[-1]) + 1 if len(part) else 0 for part in parts]
     first = np.cumsum([0, *counts[:-1]])
-    episodes = [part.episode + start for part, start in zip(parts, first, strict=True)]
-    columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(Samples)}
-    columns["episode"] = episodes
-    return Samples(**{name: np.concatenate(column) for name, column in columns.items()})
+    parts = [replace(part, episode=part.episode + start) for part, start in zip(parts, first, strict=True)]
+    return Samples(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Samples)))

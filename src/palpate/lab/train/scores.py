@@ -13,7 +13,7 @@ from palpate.config import CORNER_LOGIT
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.lab.train.augment import batch
-from palpate.lab.train.networks import TouchNetwork
+from palpate.lab.train.networks import Together, TouchNetwork
 from palpate.lab.train.samples import Samples
 from palpate.touch.touch_model import Spread
 
@@ -25,7 +25,7 @@ COVERAGE = {0.68: 0.9945, 0.95: 1.9600}
 """Shares of a Gaussian, and the standard deviations about its mean that hold them."""
 
 
-def errors_of(network: TouchNetwork, samples: Samples) -> Errors:
+def errors_of(network: TouchNetwork | Together, samples: Samples) -> Errors:
     """Return the errors of a network on samples; those of turns and corners without the offset of their contact.
 
     Those of corners are of the corners that it finds.

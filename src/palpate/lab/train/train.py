@@ -19,15 +19,16 @@ from palpate.files import whole_file, write_json
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.graph.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.lab.parallel import held_folder
-from palpate.lab.train.augment import Batch, draw_groups, varied_batch
+from palpate.lab.train.augment import ONE_UNIT, Augmentation, Batch, draw_groups, symmetry, varied_batch
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
-from palpate.lab.train.networks import TouchNetwork, exported, restore
-from palpate.lab.train.samples import Samples, difference, read_samples
-from palpate.lab.train.scores import errors_of, judge, measure_spread
+from palpate.lab.train.networks import Together, TouchNetwork, exported, restore
+from palpate.lab.train.samples import Samples, read_samples
+from palpate.lab.train.scores import errors_of, judge, measure_spread, spread_of
 from palpate.touch import touch_model
 from palpate.touch.calibration import Calibration
+from palpate.touch.pipeline import misfit
 from palpate.touch.press_calibration import Presses, check_spread
-from palpate.touch.touch_model import NETWORK, OUTPUTS, ModelSettings, Spread, TouchModel, reduced
+from palpate.touch.touch_model import NETWORK, OUTPUTS, ModelSettings, Spread, TouchModel, difference_in_light, reduced
 from palpate.types.sensor import SensorProfile
 
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
@@ -44,8 +45,10 @@ class TrainSettings:
     """Descent of a new model, not stopped early: corners are learnt after all else."""
     fine: FitSettings = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
     """The same of an existing model, for another sensor unit."""
-    presses: FitSettings = FitSettings(steps=300, check=25)
-    """Descent of a model from presses."""
+    presses: FitSettings = FitSettings(steps=600, check=600)
+    """Descent of each network of a model from presses, kept as it ends: few presses tell not when to stop."""
+    networks: int = 4
+    """Networks of a model from presses, of which it takes the mean."""
     steps: int | None = None
     """Most steps of any of them; None leaves them as they are."""
     workers: int = 1
@@ -53,7 +56,7 @@ class TrainSettings:
     held_out: float = 0.1
     """Share of the recordings that ends the descent and calibrates variances."""
     test: float = 0.15
-    """Share of the recordings that judges the model, unless others are given; of presses both shares are this."""
+    """Share of the recordings that judges the model, unless others are given; of presses it calibrates as well."""
     groups: tuple[int, int] = (24, 8)
     """Contacts in a batch and frames of each: the turn of a contact has an unknown offset, so frames come in groups."""
     fewest_frames: int = 100
@@ -85,29 +88,23 @@ def train(
 ) -> dict[str, Any]:
     """Train a touch model on recordings, write its folder and return its scores; see `scores.judge`.
 
-    Besides the model, `out` gets the folder `training`: log, checkpoint and `results.json`. Scores are of the
-    recordings `test`, or else of a held-out share of `files`. The network of the model folder `start` is trained
-    further. Images are seen through a `calibration` of the unit that all recordings are of. With `resume`, an
-    interrupted run continues from its checkpoint. Raises FileError on files and folders, SettingError where there is
-    too little to learn from.
+    Besides the model, `out` gets the folder `training`: checkpoint and `results.json`. Scores are of the recordings
+    `test`, or else of a held-out share of `files`. The network of the model folder `start` is trained further. Images
+    are seen through a `calibration` of the unit that all recordings are of. With `resume`, an interrupted run continues
+    from its checkpoint. Raises FileError on files and folders, SettingError where there is too little to learn from.
     """
     with held_folder(out):
         work = work_folder(out, resume)
         base = None if start is None else TouchModel(start)
         with bar("reading recordings", len(files) + len(test)) as progress:
-            how = {"workers": settings.workers, "calibration": calibration, "orientation": orientation}
-            samples, sensor, failed = read_samples(files, progress=progress, **how)
-            tested = read_samples(test, progress=lambda done: progress(len(files) + done), **how) if test else None
-        if tested is not None:
-            _check_sensor(
-                "recordings to judge by", tested[1].name, (tested[1].image_height, tested[1].image_width), sensor
-            )
-            failed |= tested[2]
-        if base is not None:
-            made_for = base.settings
-            _check_sensor(str(start), made_for.sensor, (made_for.image_height, made_for.image_width), sensor)
-        rng = np.random.default_rng(settings.seed)
-        rest, judged = split(samples, settings.test, rng, settings) if tested is None else (samples, tested[0])
+            how = settings.workers, progress, calibration, orientation
+            samples, sensor, failed = read_samples([*files, *test], *how)
+        if base is not None and (wrong := misfit(sensor, base)):
+            raise FileError(f"{start}: {wrong}")
+        rng, tested = np.random.default_rng(settings.seed), samples.recording >= len(files)
+        if test and not tested.any():
+            raise FileError(f"no recording can be judged by; the first: {failed[test[0]]}")
+        rest, judged = map(samples.of, (~tested, tested)) if test else split(samples, settings.test, rng, settings)
         learned, held_out = split(rest, settings.held_out, rng, settings)
         del samples, rest  # they hold images, a gigabyte for every 40 000
         work.mkdir(exist_ok=True)
@@ -136,8 +133,8 @@ def train(
             "touch": asdict(descent),
             "frames": len(learned),
             "from": str(start or ""),
+            "calibration": str(calibration.file or "") if calibration else "",
         }
-        training["calibration"] = str(calibration.file or "") if calibration else ""
         model = ModelSettings(sensor.name, sensor.image_height, sensor.image_width, spread, training)
         write_model(out, model, exported(network))  # last: a folder with a model has no work left
     return results
@@ -149,16 +146,15 @@ def train_on_presses(
     sensor: str,
     out: Path,
     bar: Bar,
-    settings: TrainSettings | None = None,
+    settings: TrainSettings,
     resume: bool = False,
 ) -> dict[str, Any]:
     """Train a model of directions on presses, write its folder and return its errors on held-out presses.
 
-    One held-out part ends the descent, another judges it, and both calibrate its variances. untouched are images of the
-    gel at rest, as large as the presses', and sensor is the name of the profile that the model is for. Raises FileError
-    on too few presses, on ones too close together and on images of different sizes.
+    These calibrate its variances as well. untouched are images of the gel at rest, as large as the presses', and sensor
+    is the name of the profile that the model is for. Raises FileError on too few presses, on ones too close together
+    and on images of different sizes.
     """
-    settings = settings or TrainSettings()
     count, descent = len(presses.images), settings.descent(settings.presses)
     if count < settings.fewest_presses:
         raise FileError(f"found {count} presses; at least {settings.fewest_presses} are needed to learn from")
@@ -170,24 +166,29 @@ def train_on_presses(
         work = work_folder(out, resume)
         work.mkdir(exist_ok=True)
         mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
-        seen = np.array([difference(image, mean) for image in presses.images], dtype=np.float16)
+        seen = np.array([difference_in_light(image, mean) for image in presses.images], dtype=np.float16)
         # Each press is a contact of its own, of which only the direction is known.
         each, unknown = np.arange(count), np.zeros(count)
         kind, no_corner = np.zeros(count, int), np.full(count, np.nan)
         samples = Samples(seen, each, each, unknown, presses.angle, unknown, kind, no_corner, unknown)
         order, apart = np.random.default_rng(settings.seed).permutation(count), round(settings.test * count)
-        judged, checked, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart, 2 * apart]))
-        held_out = samples.of(np.sort(order[: 2 * apart]))
-        torch.manual_seed(settings.seed)
-        network = TouchNetwork(OUTPUTS[2])
+        held_out, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart]))
+        varied = replace(ONE_UNIT, signs=symmetry(samples.of(order[apart:][:400])))  # enough to tell, in seconds
         profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
-        with bar("direction", descent.steps) as progress:
-            learn(network, learned, checked, profile, settings, descent, work, progress)
-        scale = measure_spread(errors_of(network, held_out))["direction"].scale
+        torch.manual_seed(settings.seed)
+        networks = [TouchNetwork(OUTPUTS[2]) for _ in range(settings.networks)]
+        with bar("direction", len(networks) * descent.steps) as progress:
+            for number, network in enumerate(networks):
+                own = replace(settings, seed=len(networks) * settings.seed + number)
+                (folder := work / str(number)).mkdir(exist_ok=True)
+                learn(network, learned, held_out, profile, own, descent, folder, varied=varied)
+                progress((number + 1) * descent.steps)
+        errors = errors_of(together := Together(networks), held_out)
+        scale = spread_of(*errors["direction"]).scale
         spread = {"direction": Spread(scale, together=19.0)}  # as of the DIGIT's model: presses cannot tell
         training = {"seed": settings.seed, "steps": descent.steps, "presses": count}
-        write_model(out, ModelSettings(sensor, height, width, spread, training), exported(network))
-        scores = judge(errors_of(network, judged), spread)["direction"]
+        write_model(out, ModelSettings(sensor, height, width, spread, training), exported(together))
+        scores = judge(errors, spread)["direction"]
     return {"presses": count, "held_out": apart} | {name: scores[name] for name in ("rms_deg", "median_deg")}
 
 
@@ -200,6 +201,7 @@ def learn(
     descent: FitSettings,
     folder: Path,
     progress: Callable[..., None] | None = None,
+    varied: Augmentation | None = None,
 ) -> None:
     """Train a network by the likelihood of what it predicts, all outputs together; on a GPU where there is one."""
     device = "cuda" if torch.cuda.is_available() else "cpu"
@@ -207,7 +209,7 @@ def learn(
 
     def draw(samples: Samples, rng: np.random.Generator) -> tuple[Samples, Indices, Batch]:
         chosen = draw_groups(samples, contacts, frames, rng)
-        return samples, chosen, varied_batch(samples, chosen, sensor, rng)
+        return samples, chosen, varied_batch(samples, chosen, sensor, rng, varied)
 
     def losses(drawn: tuple[Samples, Indices, Batch]) -> dict[str, Tensor]:
         samples, chosen, seen = drawn
@@ -273,15 +275,6 @@ def work_folder(out: Path, resume: bool) -> Path:
     if work.exists() and not resume:
         raise FileError(f"{out}: holds an interrupted training; --resume continues it, or take another folder")
     return work
-
-
-def _check_sensor(what: str, name: str, size: tuple[int, int], sensor: SensorProfile) -> None:
-    """Raise FileError unless something is for the sensor of the recordings."""
-    if (name, size) != (sensor.name, (sensor.image_height, sensor.image_width)):
-        raise FileError(
-            f"{what}: sensor {name!r} with images of {size[0]} x {size[1]} px is not that of the recordings to learn "
-            f"from, {sensor.name!r} with {sensor.image_height} x {sensor.image_width} px"
-        )
 
 
 def write_model(folder: Path, settings: ModelSettings, network: bytes) -> None:
