@@ -44,9 +44,8 @@ def with_directions(name: str, o: Array, e: Array, contact: Array | bool = True)
 def tracked(seen: list[Frame], first: Any, name: str = "rectangle", **how: Any) -> list[Estimate]:
     """Estimates of a tracker that is told nothing but what frames bring."""
     sigma = how.pop("sigma", None)
-    tracker = Tracker(
-        SHAPES[name], sensor(), first, settings(how.pop("tactile", "none"), **how), first_pose_sigma=sigma
-    )
+    chosen = settings(how.pop("tactile", "none"), **how)
+    tracker = Tracker(SHAPES[name], sensor(), first, chosen, first_pose_sigma=sigma)
     return [tracker.update(frame) for frame in seen]
 
 
@@ -142,8 +141,7 @@ def test_an_object_known_roughly_is_found_by_touch(off):
     found = tracked(with_directions("rectangle", o, e, contact), planar.compose(o[0], off), sigma=ROUGH)
     check_answers(found)
     assert max(len(estimate.answers) for estimate in found) > 3
-    # The first contact tells the face and the yaw, unless it is at a corner, the second the rest; the truth never is
-    # outside what is said.
+    # The first contact tells face and yaw, unless it is at a corner, the second the rest; the truth is in the regions.
     assert nees(found, o).max() < 7.8
     likely = [one for one in found[40].answers if one.weight > 0.1]
     off = np.abs([planar.log(planar.between(one.pose, o[40]))[2] for one in likely])
@@ -175,8 +173,7 @@ def test_an_object_that_may_be_anywhere():
 
 
 def tracked_disc(sigma: float, hypotheses: int = 9, camera: int | None = None) -> tuple[list[Estimate], Array, Array]:
-    """Estimates, true poses and contact of a disc whose yaw is off by 1.5 rad: one frame before it is touched, and two
-    contacts that tell where; a camera sees it at one of the frames."""
+    """Estimates, true poses and contact of a disc, yaw off by 1.5 rad, untouched and in two contacts, maybe seen."""
     o, e, contact = in_two_contacts("disc", 60)
     (apart,) = frames(o[:1], planar.compose(e[:1], [-0.1, 0.0, 0.0]), False, start=-1.0)
     seen = [apart, *with_directions("disc", o, e, contact)]
@@ -195,7 +192,6 @@ def test_yaw_of_a_disc_stays_as_unknown_as_it_was_through_contacts_and_rests(sig
     yaw = np.sqrt([estimate.covariance[2, 2] for estimate in found])
     np.testing.assert_allclose(yaw, sigma, rtol=0.01)
     assert nees(found, o).max() < 7.8
-    # Where the disc is is found all the same, and its yaw does not matter.
     assert found[-1].status == "tracking"
     assert np.hypot(*(found[-1].pose - o[-1])[:2]) < 3e-3
     # One that is known stays known.

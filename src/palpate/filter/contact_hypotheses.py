@@ -1,8 +1,9 @@
 """Hypotheses with which a contact begins: the places of the outline where the sensor may have met the object.
 
 The graph of a contact finds the best pose near the one it begins with, so each place needs its own hypothesis. A rough
-first pose holds until the object is found, so that contacts from several sides add up. Later a rough belief is a guess
-of how far something moved the object: it only says which places are likely.
+first pose holds until the object is found, so that contacts from several sides add up. Later, places are considered if
+a belief is rough, or contradicts the direction of the contact as it does on the wrong side of a corner. If something
+moved the object, its belief is a guess of how far and only says which places are likely.
 """
 
 from dataclasses import replace
@@ -20,7 +21,7 @@ from palpate.graph.contact_geometry import ContactModel
 from palpate.graph.factors import Step
 from palpate.graph.variables import DEPTH, OUTLINE_SCALE
 
-_STEP, _LONGEST = 0.003, 5.0  # [m] step along the outline in search of places, and its largest length
+_STEP, _LONGEST = 6e-4, 5.0  # [m] step along the outline, short at the corner of a 2 mm tip, and its largest length
 _SPACING, _TURN = 0.015, 0.314  # [m], [rad] of the normal, from place to place: a graph finds those between
 _ROUND = 1e-4  # [m] difference in distance from the centroid on a round outline
 _PLACE = np.diag(np.square(PLACE_SIGMA))
@@ -35,45 +36,36 @@ def contact_hypotheses(
     Those that take images as mirrored come last. The beliefs `rest` hold if nothing moved the object since, `displaced`
     are inflated by the covariance of its displacement. `was_found` is False while only a rough first pose is known.
     """
-    is_displaced, rough = rows.displacement > 0.0, is_rough(displaced, model)
-    searched = np.flatnonzero(rough) if was_found else np.arange(len(rough))
-    poses, origin, likely = poses_in_contact(displaced, searched, rows.sign, model, step, is_guess=was_found)
+    is_displaced = rows.displacement > 0.0
+    rough = is_rough(displaced, model) | _is_contradicted(displaced, rows.sign, model, step)
+    searched = np.flatnonzero(rough | (not was_found))
+    poses, origin, likely = poses_in_contact(displaced, searched, rows.sign, model, step, is_displaced & was_found)
     log_prior = rows.log_prior
     if not was_found:
-        as_left = _of_each_row(origin, likely, len(rough))
-        if is_displaced.any():
-            left = poses_in_contact(rest, np.flatnonzero(is_displaced), rows.sign, model, step, is_guess=False)
-            as_left = np.where(is_displaced, _of_each_row(*left[1:], len(rough)), as_left)
-        log_prior = log_prior + np.maximum(as_left, np.log(POOR))  # where no place is likely
+        anywhere = np.full(len(rough), np.log(POOR))  # even where no place is likely
+        np.logaddexp.at(anywhere, origin, likely)
+        log_prior = log_prior + anywhere
         of_rough = np.flatnonzero(rough[origin])
         poses, origin, likely = poses.take(of_rough), origin[of_rough], likely[of_rough]
     has_places = np.bincount(origin, minlength=len(rough)) > 0
     stays = rough & (has_places | (not was_found))
     belief = displaced.joined(rest).take(np.arange(len(rough)) + len(rough) * stays)
-    is_new = stays | (not was_found)
-    stayed = replace(rows, belief=belief, log_prior=log_prior, weight=np.where(is_new, 1.0, rows.weight))
-    variances = np.diagonal(displaced.pose_covariance, axis1=1, axis2=2)
-    is_hopeless = np.any(variances > np.square(HOPELESS), axis=1) & rough & has_places & ~is_displaced & (not was_found)
+    weight = np.where(stays | (not was_found), 1.0, rows.weight)
+    stayed = replace(rows, belief=belief, log_prior=log_prior, weight=weight)
+    is_hopeless = is_rough(displaced, model, HOPELESS) & has_places & ~is_displaced & (not was_found)
     places = replace(
         rows.take(origin),
         belief=poses,
         log_prior=rows.log_prior[origin] + likely - LOG_ODDS,
         weight=np.ones(len(likely)),
-        disturbed_steps_left=np.full_like(origin, AHEAD + 1),  # pushing is ignored in their first steps
+        disturbed_steps_left=np.where(is_displaced[origin] | (not was_found), AHEAD + 1, 0),  # it may still be moved
     )
     begun, origin = stayed.take(~is_hopeless).joined(places), np.concatenate([np.flatnonzero(~is_hopeless), origin])
     likeliest = np.argsort(-begun.log_prior, kind="stable")
     is_mirror = (begun.sign != rows.sign[0])[likeliest]
-    groups = [likeliest[~is_mirror], likeliest[is_mirror]]
+    groups = likeliest[~is_mirror], likeliest[is_mirror]
     chosen = np.concatenate([group[:MOST_YOUNG] if was_found else _merged(begun, group) for group in groups])
     return begun.take(chosen), origin[chosen]
-
-
-def _of_each_row(origin: Integers, likely: Array, count: int) -> Array:
-    """Return the log probabilities (count,) of all places that come from each row together."""
-    total = np.full(count, -np.inf)
-    np.logaddexp.at(total, origin, likely)
-    return total
 
 
 def _merged(rows: Hypotheses, order: Integers) -> Integers:
@@ -90,12 +82,22 @@ def _merged(rows: Hypotheses, order: Integers) -> Integers:
     return np.array(kept, np.int64)
 
 
-def is_rough(belief: Belief, model: ContactModel) -> Flags:
+def _is_contradicted(belief: Belief, sign: Array, model: ContactModel, step: Step) -> Flags:
+    """Return True (B,) where the measured direction of the contact is unlikely at the believed poses."""
+    directions = step.directions(belief, sign)
+    if not directions or is_round(model):
+        return np.zeros(len(sign), np.bool_)
+    (angle, variance), g = directions[0], se2.between(belief.pose, step.sensor_pose)
+    normal = model.touching(g[:, None])["normal"][:, 0] * np.exp(-1j * g[:, 2])
+    return np.abs(se2.wrap(angle - np.angle(-normal))) > UNLIKELY * np.sqrt(variance + belief.pose_covariance[:, 2, 2])
+
+
+def is_rough(belief: Belief, model: ContactModel, limits: ArrayLike = ROUGH) -> Flags:
     """Return True (B,) where beliefs leave several places at which the sensor may meet the object.
 
-    A round object is met alike at every yaw.
+    These are beliefs with larger deviations (3,) than the limits [m, m, rad]. A round object is met alike at every yaw.
     """
-    rough = np.diagonal(belief.pose_covariance, axis1=1, axis2=2) > np.square(ROUGH)
+    rough = np.diagonal(belief.pose_covariance, axis1=1, axis2=2) > np.square(limits)
     return np.any(rough[:, : 2 if is_round(model) else 3], axis=1)
 
 
@@ -105,41 +107,34 @@ def is_round(model: ContactModel) -> bool:
 
 
 def poses_in_contact(
-    beliefs: Belief, rows: Integers, sign: Array, model: ContactModel, step: Step, is_guess: bool
+    beliefs: Belief, rows: Integers, sign: Array, model: ContactModel, step: Step, is_guess: Flags
 ) -> tuple[Belief, Integers, Array]:
     """Return beliefs (N rows) at places where a contact may begin, their rows and their log probabilities (N,).
 
-    They come from some rows of `beliefs`. One that is a guess only says how likely each place is: the object is within
-    _PLACE of it. Another counts as much as the contact: the product of both Gaussians is the belief at each place, its
-    weight the probability.
+    They come from some rows of `beliefs`. One that is a guess (B,) only says how likely each place is: the object is
+    within _PLACE of it. Another counts as much as the contact: the product of both Gaussians is the belief at each
+    place, its weight the probability.
     """
     belief = beliefs.take(rows)
     pose, around, origin = _at_places(belief, sign[rows], model, step)
-    known = belief.pose_covariance.copy()
-    if is_guess:
-        if is_round(model):
-            around[:, 2, 2] = known[origin, 2, 2]
-        off = se2.log(se2.between(belief.pose[origin], pose))
-        # After a long doubt a covariance may be singular.
-        far = np.einsum("ni,nij,nj->n", off, np.linalg.pinv(known, hermitian=True)[origin], off)
-        near = np.flatnonzero(far < UNLIKELY**2)
-        pose, around, origin, likely = pose[near], around[near], origin[near], -0.5 * far[near]
+    known, guess = belief.pose_covariance.copy(), is_guess[rows][origin]
+    if is_round(model):
+        around[guess, 2, 2] = known[origin[guess], 2, 2]
     else:
-        off = belief.pose[origin] - pose
-        off[:, 2] = se2.wrap(off[:, 2])
-        if not is_round(model):
-            known[known[:, 2, 2] > ANY_YAW**2] += _UNKNOWN_YAW
-        joint = around + _turned(known, belief.pose[:, 2])[origin]
-        by_yaw = np.square(off[:, 2]) / joint[:, 2, 2]  # no more than by all three
-        near = np.flatnonzero(by_yaw < UNLIKELY**2)
-        pose, around, origin, off = pose[near], around[near], origin[near], off[near]
-        inverse = np.linalg.inv(joint[near])
-        far = np.einsum("ni,nij,nj->n", off, inverse, off)
-        near = np.flatnonzero(far < UNLIKELY**2)
-        pose, around, origin, off, far = pose[near], around[near], origin[near], off[near], far[near]
-        gain = around @ inverse[near]
-        likely = 0.5 * (np.linalg.slogdet(gain)[1] - far)
-        pose, around = pose + (gain @ off[..., None])[..., 0], around - gain @ around
+        known[known[:, 2, 2] > ANY_YAW**2] += _UNKNOWN_YAW
+    off = belief.pose[origin] - pose
+    off[:, 2] = se2.wrap(off[:, 2])
+    joint = _turned(known, belief.pose[:, 2])[origin] + np.where(guess[:, None, None], 0.0, around)
+    near = np.flatnonzero(np.square(off[:, 2]) < UNLIKELY**2 * joint[:, 2, 2])  # by yaw, no more than by all three
+    inverse = np.linalg.pinv(joint[near], hermitian=True)  # a guess may be singular after a long doubt
+    far = np.einsum("ni,nij,nj->n", off[near], inverse, off[near])
+    is_near = far < UNLIKELY**2
+    near, inverse, far = near[is_near], inverse[is_near], far[is_near]
+    pose, around, origin, off, guess = pose[near], around[near], origin[near], off[near], guess[near]
+    gain = around @ inverse
+    likely = -0.5 * far + np.where(guess, 0.0, 0.5 * np.linalg.slogdet(gain)[1])
+    gain[guess] = 0.0
+    pose, around = pose + (gain @ off[..., None])[..., 0], around - gain @ around
     here = belief.take(origin)
     here.covariance[:, :3, :], here.covariance[:, :, :3] = 0.0, 0.0
     here.covariance[:, :3, :3] = _turned(0.5 * (around + around.transpose(0, 2, 1)), -pose[:, 2])
@@ -177,7 +172,13 @@ def _at_places(belief: Belief, sign: Array, model: ContactModel, step: Step) -> 
     origin, at, which = np.nonzero(np.broadcast_to(is_likely, place.shape))
     place, yaw = place[origin, at, which], np.broadcast_to(yaw, place.shape)[origin, at, which]
     pose = se2.compose(step.sensor_pose, se2.inverse(np.stack([place.real, place.imag, yaw], axis=-1)))
-    return pose, _turned(around, pose[:, 2] + np.angle(normal)[origin, at]), origin
+    around = _turned(around, pose[:, 2] + np.angle(normal)[origin, at])
+    if not is_round(model):  # the object turns about the tip
+        tip = se2.transform(step.sensor_pose, np.array([model.center.real, model.center.imag]))
+        moves = np.tile(np.eye(3), (len(pose), 1, 1))
+        moves[:, :2, 2] = (pose[:, :2] - tip)[:, ::-1] * (-1.0, 1.0)
+        around = moves @ around @ moves.transpose(0, 2, 1)
+    return pose, around, origin
 
 
 def _turned(covariance: Array, angle: ArrayLike) -> Array:
@@ -204,8 +205,7 @@ def outline_places(model: ContactModel) -> tuple[Complex, Complex]:
     pose = np.array([[model.friction_center.real + 1.0, model.friction_center.imag, 0.0]])
     for _ in range(4):  # the distance is that to the nearest point, except at the grid's border
         touch = centred.touching(pose[None])[0, 0]
-        way = touch["gap"] * touch["normal"]
-        pose = pose - [[way.real, way.imag, 0.0]]
+        pose = pose - touch["gap"] * np.array([[touch["normal"].real, touch["normal"].imag, 0.0]])
     places, normals, gone = [], [], 0.0
     for _ in range(int(_LONGEST / _STEP)):
         place, normal = complex(*pose[0, :2]), complex(centred.touching(pose[None])[0, 0]["normal"])

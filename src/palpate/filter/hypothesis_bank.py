@@ -246,7 +246,7 @@ class HypothesisBank:
     def _branch_at_alarms(self, window: Window) -> None:
         """Add hypotheses that something else moved the object, sliding it by several lengths.
 
-        They are added to the likeliest one that has a new alarm.
+        They are added to the likeliest one that has a new alarm, and to the likeliest that takes images the other way.
         """
         rows, count = self._rows, len(self._rows.weight)
         # A contradiction of the less likely way to read images speaks against it, not for a disturbance.
@@ -255,18 +255,18 @@ class HypothesisBank:
         alarmed = np.flatnonzero(is_watched & disturbance_alarms(window)).tolist()
         if not alarmed:
             return
-        row = alarmed[0]
-        new, steps = np.arange(count, count + len(SLIDES)), self._steps - max(self._steps - BACK, 1)
-        self._take([*range(count), *[row] * len(new)])
-        window.disturb(new, steps, np.array(SLIDES), HAND)
+        twin = np.flatnonzero((rows.weight > LIKELY) & (rows.sign != rows.sign[0])).tolist()[:1]
+        moved_rows, slides = [alarmed[0], *twin], np.tile(SLIDES, 1 + len(twin))
+        new, steps = np.arange(count, count + len(slides)), self._steps - max(self._steps - BACK, 1)
+        self._take([*range(count), *np.repeat(moved_rows, len(SLIDES))])
+        window.disturb(new, steps, slides, HAND)
         rows, is_new = self._rows, np.arange(count + len(new)) >= count
-        moved = window.belief().take(new)
-        rows.belief = rows.belief.take(~is_new).joined(moved)
+        rows.belief = rows.belief.take(~is_new).joined(window.belief().take(new))
         meanwhile = self._times[-1] - self._times[-1 - steps]  # [s]
-        rows.log_prior = rows.log_prior + is_new * math.log(self._rate * meanwhile / len(new))
+        rows.log_prior = rows.log_prior + is_new * math.log(self._rate * meanwhile / len(SLIDES))
         rows.weight = np.where(is_new, 1.0, rows.weight)
         rows.disturbed_steps_left[count:] = AHEAD
-        rows.next_alarm[[row, *new]] = self._steps + BACK + AHEAD
+        rows.next_alarm[[*moved_rows, *new]] = self._steps + BACK + AHEAD
         self._take(~window.rows["is_lost"])
 
     def _reweight_and_prune(self, window: Window) -> None:
