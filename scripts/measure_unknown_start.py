@@ -1,6 +1,6 @@
 """Count the objects that are found from a first pose that is hardly known: docs/study/unknown_start.json.
 
-    palpate simulate FOLDER --count 10 --shape rectangle --shape ellipse --shape triangle --shape t --seed 20261199
+    palpate simulate FOLDER --count 10 --shape rectangle --shape ellipse --shape triangle --shape t --seed 20261215
     python scripts/measure_unknown_start.py FOLDER
 
 Tracking begins within 60 mm of the true pose, at any yaw, both drawn from the recording's name. An object is found if
