@@ -4,6 +4,7 @@
 """
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar, get_args
@@ -154,17 +155,17 @@ class Priors:
     friction_changes: ClassVar[tuple[float, float]] = (0.44, 0.006)
     """Change of the last three between contacts and in each step, as shares of their standard deviation."""
 
-    @property
+    @cached_property
     def mean(self) -> Array:
         """Means (9,), in the order of the fields, the centre of friction twice."""
         return self._of_each_number()[:, 0]
 
-    @property
+    @cached_property
     def deviation(self) -> Array:
         """Standard deviations (9,), in the same order."""
         return self._of_each_number()[:, 1]
 
-    @property
+    @cached_property
     def changes(self) -> Array:
         """Variances (2, 9) of the changes from one contact to the next and in each step of one, in the same order."""
         return np.square(np.outer(self.friction_changes, np.repeat([0.0, 1.0], [5, 4]) * self.deviation))

@@ -111,9 +111,8 @@ def poses_in_contact(
 ) -> tuple[Belief, Integers, Array]:
     """Return beliefs (N rows) at places where a contact may begin, their rows and their log probabilities (N,).
 
-    They come from some rows of `beliefs`. One that is a guess (B,) only says how likely each place is: the object is
-    within _PLACE of it. Another counts as much as the contact: the product of both Gaussians is the belief at each
-    place, its weight the probability.
+    They come from some rows of `beliefs`. A guess (B,) only says how likely each place is: the object is within _PLACE
+    of it. Otherwise the product of both Gaussians is the belief there, and its weight the probability.
     """
     belief = beliefs.take(rows)
     pose, around, origin = _at_places(belief, sign[rows], model, step)

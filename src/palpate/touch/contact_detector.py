@@ -69,7 +69,7 @@ class ContactDetector:
         """Return a camera's image as `update` takes it: in the profile's view and size, without markers."""
         if image.ndim != 3 or image.shape[2] != 3:
             return image  # `update` refuses it
-        image = self._view.of(image)
+        image = image if self._view == AS_IT_IS else self._view.of(image)
         if self._size and image.shape[:2] != self._size:
             image = scaled(image, self._size)
         if self.background is None and not self._steady.seen:
