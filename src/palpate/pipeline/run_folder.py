@@ -29,23 +29,23 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
 
     Raises FileError if the folder exists; with `force` an earlier run in it, and nothing else, is replaced then.
     """
-    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     if not folder.name or (folder.exists() and not folder.is_dir()):
         raise FileError(f"{folder}: is a file, or not the name of a new folder")
     if folder.exists() and not force:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    if foreign := sorted(there - FILES - {RECORDING, PAGE, MCAP}):
+    if foreign := sorted({path.name for path in folder.glob("*")} - FILES - {RECORDING, PAGE, MCAP}):
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
-    part = folder.resolve().with_name(f".{folder.name}.{os.getpid()}.part")  # it may be a link
+    target = folder.resolve()  # it may be a link
+    part = next(path for path in target.parents if path.exists()) / f".{folder.name}.{os.getpid()}.part"
     try:
-        part.mkdir(parents=True)
+        part.mkdir()
         try:
             yield part
         finally:
             if (part / SUMMARY).exists():
-                if folder.exists():
-                    shutil.rmtree(folder.resolve())
-                part.rename(folder.resolve())
+                if target.exists():
+                    shutil.rmtree(target)
+                os.renames(part, target)
     except OSError as error:
         raise FileError(f"{folder}: cannot be written ({error})") from error
     finally:
