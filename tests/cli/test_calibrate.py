@@ -176,7 +176,7 @@ def test_pushes_show_a_robot(json_of, fails, succeeds):
     other = (encoded(np.full((320, 240, 3), (90, 20, 160), np.uint8)),) * len(push)
     palpate.write_recording(dataclasses.replace(push, image=other), "other.mcap")
     for given, message in (
-        (names[:2], "found 2 pushes; at least 3 are needed"),
+        ([*names[:2], names[1]], "found 2 pushes; at least 3 different ones that fit are needed"),
         (["unseen.mcap", *names[:2]], "unseen.mcap: a background needs an untouched image, found none"),
         ([*names[:2], "unseen.mcap"], "unseen.mcap: has no images"),
         ([*names[:2], "other.mcap"], "other.mcap: frame 0: image: 85% of it is unlike the untouched gel"),

@@ -138,13 +138,13 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     # Whole frames, since poses interpolated between them have less noise, and that would show in the costs.
     size = np.array([1e-3, max(round(sensor.rate / 30.0), 1) / sensor.rate])  # [m], [s]
     solved: list[tuple[Push, list[_Fit]]] = []
-    for push in pushes:
+    for push in {each.recording.sensor_pose.tobytes(): each for each in pushes}.values():  # one given twice counts once
         try:
             solved.append((push, [_fitted(push, _OUTSIDE[:, 0] + step * size, noise) for step in _CROSS]))
         except EstimationError as error:
             logger.warning("%s: is left out (%s)", push.recording.file, error)
     if len(solved) < FEWEST:
-        raise FileError(f"found {len(solved)} pushes; at least {FEWEST} are needed, whose poses and outlines fit")
+        raise FileError(f"found {len(solved)} pushes; at least {FEWEST} different ones that fit are needed")
     mean, covariance, misfit, weights = _joined([_expansion(fits, size) for _, fits in solved], before)
     mirrored = math.inf
     with suppress(EstimationError):
