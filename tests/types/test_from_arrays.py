@@ -175,7 +175,7 @@ def test_images_come_in_any_form(tmp_path, caplog):
     files[3].write_bytes(b"")
     assert [not each for each in made(images=files).image] == [index == 3 for index in range(20)]
     assert "1 of 20 images are left out: image 3: " in caplog.text
-    data[::3] = [b""] * 7  # at a regular step, as of a few that are looked at
+    data[::3] = [b""] * 7  # every third, the step at which images are checked
     assert [not each for each in made(images=data).image] == [index % 3 == 0 for index in range(20)]
     made(images=sorted(files, key=lambda file: int(file.stem)))
     assert "texts" not in caplog.text

@@ -140,8 +140,8 @@ def varied_batch(
 def symmetry(samples: Samples) -> tuple[int, int]:
     """Return the factors on directions where images of a unit are mirrored and upturned; 0 where it looks otherwise.
 
-    They are those with which directions are told best from the other images by kernel ridge regression: a kernel summed
-    over how images are flipped has functions of that symmetry alone.
+    Kernel ridge regression predicts each direction from the other images, once for each pair of factors. Summing the
+    kernel over flipped images gives its predictions that symmetry. The factors with the least error are returned.
     """
     seen = samples.difference.astype(np.float32).reshape(len(samples), -1, COLUMNS // 4, 4, 3).mean(axis=3)
     flipped = [each.reshape(len(seen), -1) for each in (seen, seen[:, :, ::-1], seen[:, ::-1], seen[:, ::-1, ::-1])]

@@ -56,7 +56,7 @@ class TrainSettings:
     held_out: float = 0.1
     """Share of the recordings that ends the descent and calibrates variances."""
     test: float = 0.15
-    """Share of the recordings that judges the model, unless others are given; of presses it calibrates as well."""
+    """Share of the recordings that judges the model, unless others are given; with presses it also sets variances."""
     groups: tuple[int, int] = (24, 8)
     """Contacts in a batch and frames of each: the turn of a contact has an unknown offset, so frames come in groups."""
     fewest_frames: int = 100
