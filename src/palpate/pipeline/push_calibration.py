@@ -146,11 +146,12 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     if len(solved) < FEWEST:
         raise FileError(f"found {len(solved)} pushes; at least {FEWEST} different ones that fit are needed")
     mean, covariance, misfit, weights = _joined([_expansion(fits, size) for _, fits in solved], before)
-    mirrored = math.inf
-    with suppress(EstimationError):
-        mirrored = sum(_fitted(push, _OUTSIDE[:, 0], noise, sign=-1.0)[0] for push, _ in solved)
-    cost = sum(fits[0][0] for _, fits in solved)
-    if mirrored < cost - LEFT_OR_RIGHT:
+    upright = 0.0  # log likelihood; a push alone makes nothing known, since its solution may be a wrong one
+    for push, fits in solved:
+        with suppress(EstimationError):
+            mirrored = _fitted(push, _OUTSIDE[:, 0], noise, sign=-1.0)[0]
+            upright += float(np.clip(mirrored - fits[0][0], -LEFT_OR_RIGHT, LEFT_OR_RIGHT))
+    if upright < -LEFT_OR_RIGHT:
         raise FileError("the images fit these pushes only with left and right exchanged: --orientation mirrored or 180")
     if misfit > _APART:
         raise FileError(
@@ -159,9 +160,7 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         )
     for (push, _), weight in zip(solved, weights.tolist(), strict=True):
         if weight < 0.1:
-            logger.warning(
-                "%s: contradicts the others, so it hardly counts: wrong pose or outline?", push.recording.file
-            )
+            logger.warning("%s: contradicts the others, so hardly counts: wrong pose or outline?", push.recording.file)
     if (np.abs(mean - before[:, 0])[4:] > 2.0 * size).any():
         logger.warning("sensor or images are off by 2 mm or two frames: correct sensor_T_gel or time_offset first")
     after = np.column_stack([mean, np.minimum(np.sqrt(np.diagonal(covariance)), before[:, 1])])
@@ -173,7 +172,7 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         calibration,
         direction=corrected,
         set_up=SetUp(sideways, delay, depth, outline),
-        is_view_known=calibration.is_view_known or cost < mirrored - LEFT_OR_RIGHT,
+        is_view_known=calibration.is_view_known or upright > LEFT_OR_RIGHT,
     )
     if wrong := mismatch(learnt, sensor):
         raise FileError(wrong)
