@@ -41,7 +41,7 @@ class TrainSettings:
 
     seed: int = 0
     """Of weights, batches and the choice of held-out recordings."""
-    touch: FitSettings = FitSettings(steps=4000, patience=40)
+    touch: FitSettings = FitSettings(steps=8000, patience=80)
     """Descent of a new model, not stopped early: corners are learnt after all else."""
     fine: FitSettings = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
     """The same of an existing model, for another sensor unit."""
