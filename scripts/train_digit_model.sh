@@ -1,6 +1,6 @@
 #!/bin/sh
 # Trains the touch model of the DIGIT that comes with palpate from nothing: scripts/train_digit_model.sh FOLDER
-# An hour and a half on two cores, six minutes on 16 and a GPU. Weights differ from one processor to another.
+# An hour on two cores. Weights differ from one processor to another.
 set -eu
 data=$1
 mkdir -p "$data"
@@ -11,6 +11,6 @@ rhombi="--shape $data/rhombus50.csv --shape $data/rhombus75.csv --shape-unit m"
 palpate simulate "$data/train" --shape disc --shape ellipse --count 150 --seed 31 --seconds 5 $options
 palpate simulate "$data/train" $rhombi --count 150 --seed 32 --seconds 5 $options || test $? -eq 3 # some topple
 palpate simulate "$data/train" --shape rectangle --count 450 --seed 33 --seconds 5 $options
-palpate simulate "$data/test" --count 21 --seed 2 --seconds 10 $options
-palpate simulate "$data/test" --shape "$data/rhombus75.csv" --shape-unit m --count 12 --seed 2 --seconds 10 $options
+palpate simulate "$data/test" --count 42 --seed 3 --seconds 10 $options
+palpate simulate "$data/test" --shape "$data/rhombus75.csv" --shape-unit m --count 24 --seed 3 --seconds 10 $options
 palpate train "$data/train" --test "$data/test" --out "$data/model" --seed 0 --workers "${WORKERS:-2}"
