@@ -85,8 +85,8 @@ def main(args: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return made.code
     except KeyboardInterrupt:
-        way = "--resume" if "resume" in inspect.signature(command).parameters else "the same command"
-        complain("stopped" + f"; {way} goes on" * (way == "--resume" or command is known["paper"]))
+        goes_on = "; --resume goes on" if "resume" in inspect.signature(command).parameters else ""
+        complain("stopped" + ("; the same command goes on" if command is known["paper"] else goes_on))
         return 130
     except BrokenPipeError:  # the reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,5 +1,6 @@
 """The figures of a study."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,13 +75,8 @@ def final_errors(trials: Sequence[Trial]) -> "Figure":
     for some, axes in panels:
         for axis, (name, least) in zip(axes, (("final_mm", 0.1), ("final_deg", 0.05)), strict=True):
             by_method = dict(_by_method(some))
-            boxes = axis.boxplot(
-                [np.maximum([trial.summary[FINALS[name]] for trial in each], least) for each in by_method.values()],
-                whis=(5.0, 95.0),
-                orientation="horizontal",
-                widths=0.6,
-                patch_artist=True,
-            )
+            errors = [np.maximum([trial.summary[FINALS[name]] for trial in each], least) for each in by_method.values()]
+            boxes = axis.boxplot(errors, whis=(5.0, 95.0), orientation="horizontal", widths=0.6, patch_artist=True)
             for method, box, line in zip(by_method, boxes["boxes"], boxes["medians"], strict=True):
                 box.set(facecolor=f"{COLOURS[method]}38", edgecolor=COLOURS[method])
                 line.set_color(COLOURS[method])
@@ -95,14 +91,18 @@ def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", P
     from matplotlib.figure import Figure
 
     names = sorted({trial.group for trial in trials})
-    names = [*([ALL] if len(names) > 1 else []), *names]
-    figure = Figure(figsize=(3.3 * max(len(names), 2), 2.7 * rows + 0.5), layout="constrained")
-    grid = figure.subplots(rows, len(names), squeeze=False, **share)
-    panels: Panels = []
-    for column, name in enumerate(names):
+    names = [ALL, *names] if len(names) > 1 else names
+    count = math.ceil(len(names) / 8)  # rows of groups, which are short enough for a screen
+    down, across, panels = rows * count, math.ceil(len(names) / count), Panels()
+    figure = Figure(figsize=(3.3 * max(across, 2), 2.7 * down + 0.5), layout="constrained")
+    grid = figure.subplots(down, across, squeeze=False, **share)
+    columns = grid.reshape(-1, rows, across).swapaxes(1, 2).reshape(-1, rows)
+    for name, axes in zip(names, columns, strict=False):
         some = [trial for trial in trials if name in (ALL, trial.group)]
-        grid[0, column].set_title(f"{name} ({len({trial.recording for trial in some})})")
-        panels.append((some, list(grid[:, column])))
+        axes[0].set_title(f"{name} ({len({trial.recording for trial in some})})")
+        panels.append((some, list(axes)))
+    for axis in columns[len(names) :].flat:
+        axis.remove()
     return figure, panels
 
 
