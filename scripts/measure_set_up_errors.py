@@ -1,6 +1,6 @@
 """Measure the cost of each error of a set-up by itself: docs/study/set_up_errors.json.
 
-    palpate simulate FOLDER --ideal --count 18 --seed 87501 --seconds 15
+    palpate simulate FOLDER --ideal --count 18 --seed 20261227 --seconds 15
     python scripts/measure_set_up_errors.py FOLDER
 
 Each recording is tracked without errors, with each error that `set_up_errors` draws, and with all of them;

@@ -12,7 +12,7 @@ palpate simulate "$data/train" --shape disc --shape ellipse --count 100 --seed 4
 palpate simulate "$data/train" $rhombi --count 150 --seed 42 $options || test $? -eq 3 # some topple
 palpate simulate "$data/train" --shape rectangle --count 400 --seed 43 $options
 palpate simulate "$data/test" --count 21 --seed 2 $options
-palpate train "$data/train" --test "$data/test" --out "$data/model" --seed 0 --workers "${WORKERS:-2}"
+palpate train "$data/train" --test "$data/test" --out "$data/model" --seed 0 --steps 4000 --workers "${WORKERS:-2}"
 for set_up in real ideal; do
     is_ideal=$(test "$set_up" = ideal && echo --ideal || true)
     options="--sensor gelsight-mini --seed 761 --seconds 10 --workers 2 --resume $is_ideal"

@@ -118,7 +118,7 @@ def train(
     untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
     sensor: Annotated[str | None, arg("NAME", "none")] = None,
     seed: Annotated[int, arg("N")] = 0,
-    steps: Annotated[int | None, arg("N", "4000; 300 with --from, 600 with presses")] = None,
+    steps: Annotated[int | None, arg("N", "8000; 300 with --from, 600 with presses")] = None,
     workers: Annotated[int, arg("N")] = 1,
     resume: bool = False,
 ) -> Report:
