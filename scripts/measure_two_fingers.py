@@ -17,7 +17,7 @@ import palpate
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
 from palpate.pipeline.track import track
 
-SEED = 20261152
+SEED = 20261228
 OBJECTS = ("rectangle edges", "ellipse", "disc", "triangle edges")
 
 
