@@ -160,7 +160,7 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
         )
     for (push, _), weight in zip(solved, weights.tolist(), strict=True):
         if weight < 0.1:
-            logger.warning("%s: contradicts the others, so hardly counts: wrong pose or outline?", push.recording.file)
+            logger.warning("%s: contradicts the others and hardly counts: wrong pose or outline?", push.recording.file)
     if (np.abs(mean - before[:, 0])[4:] > 2.0 * size).any():
         logger.warning("sensor or images are off by 2 mm or two frames: correct sensor_T_gel or time_offset first")
     after = np.column_stack([mean, np.minimum(np.sqrt(np.diagonal(covariance)), before[:, 1])])
