@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import ContactModel
+from palpate.models.pushing.contact_geometry import ContactModel
 
 Array = NDArray[np.float64]
 

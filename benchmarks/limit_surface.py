@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.errors import EstimationError
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.variables import FRICTION_CENTER, FRICTION_RATIO
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

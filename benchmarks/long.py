@@ -25,12 +25,13 @@ import psutil
 import tyro
 from limit_surface import Steering, push
 from numpy.typing import NDArray
+from palpate.graph import variables as var
 from scipy.signal import lfilter
 
 from palpate import DIGIT, ContactDirection, Frame, Measurement, NoiseSettings, Rectangle, Tracker, Turn
 from palpate.geometry import se2
-from palpate.graph import variables as var
-from palpate.graph.contact_geometry import contact_model
+from palpate.models.pushing.contact_geometry import contact_model
+from palpate.models.pushing.priors import object_prior
 from palpate.pipeline.metrics import inside_95, nees, translation_errors
 
 Array = NDArray[np.float64]
@@ -150,7 +151,10 @@ def main(frames: int = 100_000, seed: int = 0, into: Path | None = None) -> None
     found = dict[str, dict[str, Any]]()
     for name, contact in (("one contact", frames), ("many contacts", CONTACT)):
         rng = np.random.default_rng([seed, contact])
-        values = NOISE.priors.mean + rng.normal(size=NOISE.priors.mean.shape) * NOISE.priors.deviation
+        values = (
+            object_prior(NOISE.priors).mean
+            + rng.normal(size=object_prior(NOISE.priors).mean.shape) * object_prior(NOISE.priors).deviation
+        )
         found[name] = tracked(pushed(frames, contact, values, rng), values, rng)
         print(name, json.dumps(found[name]), flush=True)
         if into is not None:

@@ -14,9 +14,10 @@ import numpy as np
 from _common import for_each, write
 
 import palpate
-from palpate.config import ALARMS, SHORT
-from palpate.graph.factors import DIRECTION, NAMES, PLACE, TURN
+from palpate.config import ALARMS
+from palpate.estimation.innovations import JUDGED_STEPS
 from palpate.lab.study.recordings import find_recordings
+from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 
@@ -53,12 +54,12 @@ def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
     for k, each in enumerate(found):
         if each.innovations is not None:
             error, predicted, stated = np.moveaxis(each.innovations, -1, 0)
-            for kind in (DIRECTION, PLACE, TURN):  # a measurement is no better than the contact model
+            for kind in (NAMES.index(name) for name in ("direction", "place", "turn")):  # a measurement is no better than the contact model
                 noise = getattr(settings.noise, NAMES[kind])
                 stated[kind, 0] = noise.share * max(stated[kind, 0], noise.floor**2) if stated[kind, 0] else 0.0
             surprise[k] = np.sum(error**2 / np.where(stated > 0.0, predicted + stated, np.inf), axis=1)
-    means = np.cumsum(np.vstack([np.zeros((SHORT, len(NAMES))), surprise]), axis=0)
-    means = (means[SHORT:] - means[:-SHORT]) / SHORT
+    means = np.cumsum(np.vstack([np.zeros((JUDGED_STEPS, len(NAMES))), surprise]), axis=0)
+    means = (means[JUDGED_STEPS:] - means[:-JUDGED_STEPS]) / JUDGED_STEPS
     shoves = [first for first, _ in flag_runs(recording.extra.get("knocked", np.zeros(len(found))) > 0.0)]
     limits = np.array([ALARMS.get(name, np.inf) for name in NAMES])
     return contact, (means > limits) & contact[:, None], shoves

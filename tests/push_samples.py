@@ -12,15 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 import palpate
 from palpate import Disc, Ellipse, Frame, Measurement, NoiseSettings, Polygon, Rectangle, SensorProfile, Shape
 from palpate.compiled import compiled
+from palpate.estimation.variable import Variable
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import ContactModel, Surface, contact_model, put_touch
-from palpate.graph.factors import CONTACT, LINEAR, NAMES, ROW, STEP, TERM, Step, make_factors, terms_of
-from palpate.graph.gauss_newton import of_step, of_term
-from palpate.graph.pushing import force_angle
-from palpate.graph.se2_kernels import position, rotation
-from palpate.graph.variables import GRIP, IN_SHARED, OBJECT_SIZE, Variable
+from palpate.manifolds.se2_kernels import position, rotation
+from palpate.models.generated import linearise_measured, linearise_step, put_rotations
+from palpate.models.pushing.compiled import PUSHING
+from palpate.models.pushing.contact_geometry import ContactModel, Surface, contact_model, put_touch
+from palpate.models.pushing.force import force_angle
+from palpate.models.pushing.layout import IN_SHARED, NAMES, OBJECT_SIZE
+from palpate.models.pushing.measurements import Step, terms_of
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import GRIP
 
 Array = np.ndarray
+LINEAR, ROW, STEP, TERM = (getattr(PUSHING.records, name) for name in ("linear", "row", "step", "term"))
+STEP_FACTORS = NAMES.index("contact") + 1
 Shared = Mapping[Variable, ArrayLike]
 
 RADIUS = 0.021  # [m], the DIGIT's
@@ -88,19 +94,20 @@ def _linearise(steps: Array, rows: Array, terms: Array, kind: int, settings: Any
     for b in range(len(steps)):
         for k in range(steps.shape[1]):
             now = steps[b, k]
-            now.turn_g, now.turn_e = rotation(now.g[2]), rotation(now.e[2])
+            put_rotations(now)
+            now.turn_measured = rotation(now.measured[2])
             put_touch(position(now.g), now.turn_g, surface, now.touch)
         for k in range(steps.shape[1]):
             steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings[0])
         last, before = steps[b, steps.shape[1] - 1], steps[b, steps.shape[1] - 2]
-        if kind <= CONTACT:
-            of_step(kind, before, last, rows[b], settings[0], out[b, 0])
+        if kind < STEP_FACTORS:
+            linearise_step(kind, before, last, rows[b], settings[0], surface, out[b, 0])
         for t in range(len(terms)):
-            of_term(last, rows[b], terms[t], settings[0], surface.corners, out[b, t])
+            linearise_measured(kind, last, rows[b], terms[t], settings[0], surface, out[b, t])
 
 
 DEFAULT = NoiseSettings()
-cached_factors = cache(make_factors)
+cached_factors = cache(settings_record)
 
 
 def rows_of(
@@ -116,10 +123,10 @@ def rows_of(
     The sensor was measured at a pose there and has moved so far [m].
     """
     kind, settings = NAMES.index(name), cached_factors(noise or DEFAULT, at.model)
-    terms, _ = terms_of(Step(np.zeros(3), measurements), 0)
+    terms, _ = terms_of(PUSHING, Step(np.zeros(3), measurements), 0)
     terms = terms[terms[:, 1] == kind].view(TERM)[:, 0]
     at.steps["measured"][:, -1], at.steps["moved"][:, -1] = pose, moved
-    out = np.zeros((len(at.rows), max(len(terms), int(kind <= CONTACT))), LINEAR)
+    out = np.zeros((len(at.rows), max(len(terms), int(kind < STEP_FACTORS))), LINEAR)
     _linearise(at.steps, at.rows, terms, kind, settings, at.model.surface, out)
     count = ROWS.get(name, 1)
     return Linear(*(out[field][:, :, :count] for field in ("residual", "jacobian", "information", "weight")))

@@ -11,23 +11,25 @@ from push_samples import contact_directions, distance_at, model_of, noisy, pushe
 from scipy.optimize import least_squares
 
 from palpate import ContactDirection, Measurement, NoiseSettings, Turn
-from palpate.config import LAG, Priors
+from palpate.config import Priors
+from palpate.estimation.window import LAG
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import Step, make_factors
-from palpate.graph.variables import (
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.layout import IN_OBJECT, OBJECT_SIZE
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import (
     DEPTH,
     DIRECTION_BIAS,
     DIRECTION_SCALE,
     FRICTION_CENTER,
     FRICTION_RATIO,
-    IN_OBJECT,
-    OBJECT_SIZE,
     OUTLINE_SCALE,
     TURN_OFFSET,
 )
-from palpate.graph.window import Window
+from palpate.models.pushing.window import Window
 
 Array = np.ndarray
 ROBUST = with_settings(
@@ -96,8 +98,8 @@ def contact(steps: int, noise: NoiseSettings, tips: Any = ((0.0, 0.0),)) -> Cont
 
 def belief_at(pose: ArrayLike, noise: NoiseSettings, more: ArrayLike = 0.0) -> Belief:
     """What is known of an object before its first contact, its pose with some more covariance (3, 3)."""
-    covariance = np.diag(np.square(np.concatenate([noise.first_pose.deviation, noise.priors.deviation])))
-    known = Belief(np.array([pose], np.float64), noise.priors.mean[None], covariance[None])
+    covariance = np.diag(np.square(np.concatenate([noise.first_pose.deviation, object_prior(noise.priors).deviation])))
+    known = Belief(np.array([pose], np.float64), object_prior(noise.priors).mean[None], covariance[None])
     return known.inflated(np.broadcast_to(more, (3, 3)))
 
 
@@ -127,7 +129,7 @@ def settled(given: Contact, steps: int = 4) -> Contact:
 
 def window_of(given: Contact, noise: NoiseSettings, lag: int = LAG, belief: Belief | None = None) -> Window:
     """The window of a whole contact, by default of one hypothesis."""
-    factors = make_factors(noise, given.model)
+    factors = settings_record(noise, given.model)
     known = given.prior if belief is None else belief
     window = Window(factors, given.model, known, given.step(0), lag)
     for t in range(1, len(given.sensor)):

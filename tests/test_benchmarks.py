@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from palpate import ContactDirection, NoiseSettings
+from palpate.models.pushing.priors import object_prior
 
 
 @pytest.fixture(autouse=True)
@@ -19,7 +20,7 @@ def directions(felt):
 
 
 def test_a_long_push_is_felt_where_the_tip_leans():
-    long, values = importlib.import_module("long"), NoiseSettings().priors.mean
+    long, values = importlib.import_module("long"), object_prior(NoiseSettings().priors).mean
     truth = long.pushed(3, 3, values, np.random.default_rng(0))
     felt = directions(long.felt(truth, values, np.random.default_rng(1)))
     assert len(felt) == 3 and np.abs(felt).max() < 0.25  # it leans by up to 0.2 rad

@@ -6,7 +6,7 @@ import pytest
 from limit_surface import Steering, push
 from push_samples import SHAPES, gaps, model_of, pushing_residuals, sensor, touching
 
-from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO
+from palpate.models.pushing.variables import FRICTION_CENTER, FRICTION_RATIO
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ call are `kernel`s: machine code in their callers alone, without an entry for Py
 
 import hashlib
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
+_IMPORT = re.compile(r"^(?:from|import) (palpate[\w.]*)", re.MULTILINE)
 F = TypeVar("F", bound=Callable[..., object])
 if not {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"} & set(os.environ):
     try:
@@ -98,6 +100,14 @@ class _Cache(FunctionCache):
         # Numba itself looks only at the function's own file, not at those of the kernels in it.
         self._cache_file._source_stamp = _sources(), self._cache_file._source_stamp
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return what tells compiled functions of one file apart: signature, processor and bytecode.
+
+        Kernels that a function closes over are in the stamp of all sources; Numba's own key is another in each process.
+        """
+        code = hashlib.sha256(self._py_func.__code__.co_code).hexdigest()
+        return sig, codegen.magic_tuple(), code
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled function of a signature; None if there is none, or none that can be read."""
         try:
@@ -112,6 +122,19 @@ class _Cache(FunctionCache):
 
 @cache
 def _sources() -> str:
-    """Return a hash of the source of all kernels and of their constants."""
-    every = sorted([Path(__file__).with_name("config.py"), *Path(__file__).parent.glob("g*/*.py")])
-    return hashlib.sha256(b"".join(path.read_bytes() for path in every)).hexdigest()
+    """Return a hash of the source of all kernels, and of all files of palpate that these import constants from."""
+    package = Path(__file__).parent
+    text = {path: path.read_text(encoding="utf-8") for path in package.rglob("*.py")}
+    used = {path for path, source in text.items() if "palpate.compiled import" in source}
+    waiting = list(used)
+    while waiting:
+        for module in _IMPORT.findall(text[waiting.pop()]):
+            stem = package.joinpath(*module.split(".")[1:])
+            for path in (stem.with_suffix(".py"), stem / "__init__.py"):
+                if path in text and path not in used:
+                    used.add(path)
+                    waiting.append(path)
+    digest = hashlib.sha256()
+    for path in sorted(used):
+        digest.update(f"{path.relative_to(package)}\0{text[path]}".encode())
+    return digest.hexdigest()

@@ -4,14 +4,12 @@
 """
 
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from numbers import Integral
 from pathlib import Path
-from typing import Any, ClassVar, get_args
+from typing import Any, get_args
 
 import numpy as np
 
-from palpate.arrays import Array
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json
 from palpate.geometry.se2 import Sigmas
@@ -134,7 +132,10 @@ class FrictionConeSettings:
 
 @dataclass(frozen=True)
 class Priors:
-    """Mean and standard deviation of what belongs to the object, before its first contact; see `graph.variables`."""
+    """Mean and standard deviation of the object's variables before its first contact, by the names of the variables.
+
+    See `palpate.models.pushing.variables`.
+    """
 
     direction_bias: Normal = (0.0, 2e-2)
     """Constant error of all contact directions [rad]."""
@@ -152,27 +153,6 @@ class Priors:
     """Centre of friction from the centroid along x and along y, as a share of c."""
     grip: Normal = (-1.05, 0.4)
     """Logarithm of Coulomb friction between sensor and object: the coefficient is 0.35, times or by 1.5."""
-    friction_changes: ClassVar[tuple[float, float]] = (0.44, 0.006)
-    """Change of the last three between contacts and in each step, as shares of their standard deviation."""
-
-    @cached_property
-    def mean(self) -> Array:
-        """Means (9,), in the order of the fields, the centre of friction twice."""
-        return self._of_each_number()[:, 0]
-
-    @cached_property
-    def deviation(self) -> Array:
-        """Standard deviations (9,), in the same order."""
-        return self._of_each_number()[:, 1]
-
-    @cached_property
-    def changes(self) -> Array:
-        """Variances (2, 9) of the changes from one contact to the next and in each step of one, in the same order."""
-        return np.square(np.outer(self.friction_changes, np.repeat([0.0, 1.0], [5, 4]) * self.deviation))
-
-    def _of_each_number(self) -> Array:
-        normals = [getattr(self, each.name) for each in fields(self)]
-        return np.array([*normals[:-1], *normals[-2:]])  # the centre of friction, which is the last but one, twice
 
 
 @dataclass(frozen=True)
@@ -284,17 +264,6 @@ def _known(name: str, given: Any, settings: Any) -> dict[str, Any]:
 
 # Numbers of the graph, of its tests and of hypotheses, which nobody sets.
 
-LAG = 40  # steps in a sliding window: 20 or 30 lose a little
-ITERATIONS = 4  # most Gauss-Newton steps in a frame: with two sigma doubles
-CONVERGED = 5e-5  # [m], [rad] change of a pose that ends them: with six times as much, real pushes end worse
-REMEMBERED = 1000  # steps that left the window whose costs still count, half a minute: older ones are forgotten
-SLACK = 0.02  # [s] tolerance on a measurement's time: clocks of cameras and robots differ
-SOFT = 2e-4  # [m] indentation over which the parts of a pad share the load: keeps the contact smooth
-REACH = 3  # steps before and after a step over which the angle of the force is computed: one alone is mostly noise
-ACROSS = 2e-3  # [m] motion of a disturbed object across the outline in a step: the sensor stays in touch
-TURNED = 3.0  # ratio of c times the turn of a disturbed object to its slide: a hand turns more than it slides
-SHORT = 5  # steps over which innovations are judged: more tell no more shoves
-PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
 ALARMS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
 """Mean squares of innovations in these steps [variances] from which something else may have moved the object.
 Where nothing did, directions reach theirs 2.6 times a minute of contact, others less (`docs/study/alarms.json`)."""

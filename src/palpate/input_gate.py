@@ -11,7 +11,7 @@ from palpate.arrays import Array
 from palpate.checks import FARTHEST
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FileError, FrameError, PalpateError, SettingError
-from palpate.graph.own_measurements import check_own
+from palpate.models.pushing.own_measurements import check_own
 from palpate.stream_monitor import PoseMonitor
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration

@@ -19,9 +19,9 @@ from palpate.errors import EstimationError, SettingError
 from palpate.filter.hypothesis_bank import HypothesisBank
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Shape, check_outline
-from palpate.graph import gauss_newton
-from palpate.graph.contact_geometry import contact_model
 from palpate.input_gate import InputGate, checked_frame, checked_measurements
+from palpate.models.pushing.compiled import PUSHING
+from palpate.models.pushing.contact_geometry import contact_model
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration
 from palpate.touch.pipeline import Touch, TouchReader
@@ -209,7 +209,7 @@ class Tracker:
 @cache
 def warm_up() -> None:
     """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
-    if not is_cached(gauss_newton.improve):
+    if not is_cached(PUSHING.improve):
         logger.warning("compiling the estimator: once for this version, some 12 s")
     bank = HypothesisBank(contact_model(Disc(0.05), POINT), TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
     for step in range(2):

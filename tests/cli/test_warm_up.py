@@ -7,5 +7,5 @@ from numba.core.caching import NullCache
 
 def test_warm_up_says_where_compiled_code_is_kept(json_of, fails, monkeypatch):
     assert list(Path(json_of("warm-up")["folder"]).glob("*.nbc"))
-    monkeypatch.setattr("palpate.graph.gauss_newton.improve._cache", NullCache())
+    monkeypatch.setattr("palpate.models.pushing.compiled.PUSHING.improve._cache", NullCache())
     assert "set NUMBA_CACHE_DIR" in fails("warm-up")

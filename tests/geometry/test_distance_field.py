@@ -7,7 +7,7 @@ import pytest
 
 from palpate import Disc, Ellipse, Polygon, Rectangle, Shape
 from palpate.geometry.distance_field import DistanceField
-from palpate.graph.contact_geometry import ContactModel
+from palpate.models.pushing.contact_geometry import ContactModel
 
 L_SHAPE = Polygon(((0.0, 0.0), (0.12, 0.0), (0.12, 0.06), (0.05, 0.06), (0.05, 0.2), (0.0, 0.2)))
 SHAPES: list[Shape] = [

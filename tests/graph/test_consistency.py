@@ -15,18 +15,19 @@ from smoother_samples import FELT, PLAIN, belief_at
 
 from palpate import ContactDirection, NoiseSettings, Turn
 from palpate.geometry import se2
-from palpate.graph.factors import Step, make_factors
-from palpate.graph.variables import (
+from palpate.models.pushing.layout import IN_OBJECT, OBJECT_SIZE
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import (
     DEPTH,
     DIRECTION_BIAS,
     DIRECTION_SCALE,
     FRICTION_CENTER,
     FRICTION_RATIO,
-    IN_OBJECT,
-    OBJECT_SIZE,
     OUTLINE_SCALE,
 )
-from palpate.graph.window import Window
+from palpate.models.pushing.window import Window
 
 Array = np.ndarray
 STEPS, LAG = 16, 13  # the last steps marginalise
@@ -59,7 +60,9 @@ class Draw:
 def draw(of: DrawOf) -> Draw:
     noise, count, rng = of.noise, of.count, np.random.default_rng(of.seed)
     steering = Steering()
-    values = noise.priors.mean + rng.normal(size=(count, OBJECT_SIZE)) * noise.priors.deviation
+    values = (
+        object_prior(noise.priors).mean + rng.normal(size=(count, OBJECT_SIZE)) * object_prior(noise.priors).deviation
+    )
     friction = {variable: values[:, IN_OBJECT[variable]].T for variable in (FRICTION_RATIO, FRICTION_CENTER)}
     gap, slip, torque = draw_residuals(MODEL, noise, steering.speed, np.pi, STEPS, count, rng)
     g = touching(MODEL, rng.uniform(-0.03, 0.03, count), rng.uniform(-0.2, 0.2, count))
@@ -81,7 +84,7 @@ def draw(of: DrawOf) -> Draw:
 def estimated(drawn: DrawOf, touch: bool) -> tuple[Array, Array]:
     """Return the NEES (count,) of the object pose, and of the object's variables over their number, by PLAIN."""
     given = draw(drawn)
-    factors = make_factors(PLAIN, MODEL)
+    factors = settings_record(PLAIN, MODEL)
 
     def said(t: int, k: int) -> tuple[ContactDirection | Turn, ...]:
         if not touch:

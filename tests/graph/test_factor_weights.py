@@ -9,8 +9,8 @@ from push_samples import SHAPES, rows_of, sensor, touching, values_at, with_sett
 
 from palpate import ContactDirection, NoiseSettings, Turn
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import contact_model
-from palpate.graph.variables import GRIP
+from palpate.models.pushing.contact_geometry import contact_model
+from palpate.models.pushing.variables import GRIP
 
 ONE_TIP = replace(contact_model(SHAPES["rectangle"], sensor()), friction_radius=0.06)
 EDGE = np.arctan(0.4)  # half angle of the friction cone at a grip of 0.4

@@ -22,9 +22,10 @@ from push_samples import (
 
 from palpate import ContactCorner, ContactDirection, Measurement, ObjectPose, OwnMeasurement, Turn
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.own_measurements import OwnMeasurements
-from palpate.graph.variables import (
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.layout import OBJECT_SIZE, STEP_SIZE, WIDTH
+from palpate.models.pushing.own_measurements import OwnMeasurements
+from palpate.models.pushing.variables import (
     CORNER_BIAS,
     DEPTH,
     DIRECTION_BIAS,
@@ -32,11 +33,8 @@ from palpate.graph.variables import (
     FRICTION_CENTER,
     FRICTION_RATIO,
     GRIP,
-    OBJECT_SIZE,
     OUTLINE_SCALE,
-    STEP_SIZE,
     TURN_OFFSET,
-    WIDTH,
 )
 
 Array = np.ndarray

@@ -9,10 +9,12 @@ import pytest
 from push_samples import RADIUS, SHAPES, Shared, model_of, pushing_angles, pushing_residuals, rows_of, sensor, values_at
 
 from palpate import ContactDirection, Disc, Polygon, Rectangle
+from palpate.estimation.variable import Variable
 from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
-from palpate.graph.contact_geometry import ContactModel, contact_model
-from palpate.graph.variables import (
+from palpate.models.pushing.contact_geometry import ContactModel, contact_model
+from palpate.models.pushing.layout import column
+from palpate.models.pushing.variables import (
     CORNER_BIAS,
     DEPTH,
     DIRECTION_BIAS,
@@ -21,8 +23,6 @@ from palpate.graph.variables import (
     FRICTION_RATIO,
     GRIP,
     OUTLINE_SCALE,
-    Variable,
-    column,
 )
 from palpate.types import measurements as said
 

@@ -8,11 +8,14 @@ from push_samples import rows_of, values_at, with_settings
 
 from palpate import GELSIGHT_MINI, ContactPlace, Disc, Ellipse, EstimationError, NoiseSettings, Rectangle, SensorProfile
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.contact_geometry import contact_model
-from palpate.graph.factors import Step, make_factors
-from palpate.graph.variables import IN_OBJECT, PLACE_BIAS, column
-from palpate.graph.window import Window
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.contact_geometry import contact_model
+from palpate.models.pushing.layout import IN_OBJECT, column
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import PLACE_BIAS
+from palpate.models.pushing.window import Window
 
 SQUARE = contact_model(Rectangle(0.09, 0.09), GELSIGHT_MINI)
 DISC = contact_model(Disc(0.05), GELSIGHT_MINI)
@@ -96,11 +99,11 @@ def test_the_factor_of_the_place():
 def test_what_all_places_are_off_by_is_learnt_where_the_pose_is_known():
     """A pad pushes a disc straight ahead, known to 0.1 mm, and all places are told 1 mm too large."""
     settings = NoiseSettings()
-    sure = np.concatenate([[1e-4, 1e-4, 1e-3], settings.priors.deviation])
+    sure = np.concatenate([[1e-4, 1e-4, 1e-3], object_prior(settings.priors).deviation])
     first, way = np.array([-0.05, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0])
-    belief = Belief(np.zeros((1, 3)), settings.priors.mean[None], np.diag(sure**2)[None])
+    belief = Belief(np.zeros((1, 3)), object_prior(settings.priors).mean[None], np.diag(sure**2)[None])
     said = [ContactPlace(touch(DISC, *first)["material"].imag + 1e-3, 1e-8)]
-    contact = Window(make_factors(settings, DISC), DISC, belief, Step(first, said))
+    contact = Window(settings_record(settings, DISC), DISC, belief, Step(first, said))
     for step in range(1, 8):
         contact.add(Step(first + step * way, said))
     known = contact.belief()

@@ -22,10 +22,13 @@ from smoother_samples import FELT, ROBUST, belief_at
 
 from palpate import ContactDirection, Frame, NoiseSettings, Tracker, TrackerSettings
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.factors import Step, make_factors
-from palpate.graph.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP, IN_OBJECT
-from palpate.graph.window import Window
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.layout import IN_OBJECT
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP
+from palpate.models.pushing.window import Window
 
 Array = np.ndarray
 MODEL = model_of("rectangle")
@@ -46,7 +49,7 @@ def test_the_pressure_distribution_is_learnt_from_a_push(true, seed):
     belief, _, nees = followed(o, e, HOLDING, seed)
     of_pressure = slice(IN_OBJECT[FRICTION_RATIO].start, IN_OBJECT[FRICTION_CENTER].stop)
     deviation = np.sqrt(np.diag(belief.covariance[0])[3:])[of_pressure]
-    assert (deviation < HOLDING.priors.deviation[of_pressure]).all()
+    assert (deviation < object_prior(HOLDING.priors).deviation[of_pressure]).all()
     assert (np.abs(belief.values[0, of_pressure] - true) < 3.0 * deviation).all()
     assert nees < 11.3  # 99 %
 
@@ -68,7 +71,7 @@ def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belie
     """The belief at the end of a contact in which directions are felt, its error along the side [m] and its NEES."""
     told = directions(se2.between(o, e), seed)
     seen = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
-    window = Window(make_factors(noise, MODEL), MODEL, belief_at(o[0], noise), Step(seen[0], told[:1]))
+    window = Window(settings_record(noise, MODEL), MODEL, belief_at(o[0], noise), Step(seen[0], told[:1]))
     for k in range(1, len(seen)):
         window.add(Step(seen[k], [told[k]]))
     belief = window.belief()

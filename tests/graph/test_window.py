@@ -8,10 +8,12 @@ from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scal
 
 from palpate import ContactDirection, EstimationError, ObjectPose, Turn
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.factors import DIRECTION, Step, make_factors
-from palpate.graph.variables import DIRECTION_BIAS, DIRECTION_SCALE, IN_SHARED
-from palpate.graph.window import Window
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.layout import IN_SHARED, NAMES
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import DIRECTION_BIAS, DIRECTION_SCALE
+from palpate.models.pushing.window import Window
 
 ENDLESS = 10**6
 
@@ -41,7 +43,7 @@ def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tol
 
 def without_touch(given, at: int, seen: ObjectPose) -> Window:
     """The window of a contact in which only one object pose is measured, in step `at`."""
-    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
+    window = Window(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
     for t in range(1, len(given.sensor)):
         window.add(Step(given.sensor[t], [seen] if t == at else [], times=[k / 30 for k in range(t + 1)]))
     return window
@@ -114,7 +116,7 @@ def test_a_slide_by_hand_is_found_by_a_disturbed_row(slide):
 
 def test_mirrored_touch_is_read_with_the_opposite_sign():
     given = felt(contact(30, ROBUST))
-    factors = make_factors(ROBUST, given.model)
+    factors = settings_record(ROBUST, given.model)
 
     def mirrored(t):
         kinds = ContactDirection, Turn
@@ -143,7 +145,7 @@ def test_a_late_measurement_belongs_to_the_step_of_its_time():
 
 def test_a_belief_that_is_no_gaussian_has_no_solution():
     given = contact(2, ROBUST)
-    factors, beliefs = make_factors(ROBUST, given.model), given.prior.take([0, 0])
+    factors, beliefs = settings_record(ROBUST, given.model), given.prior.take([0, 0])
     beliefs.covariance[1, 0, 0] = -1.0
     with pytest.raises(EstimationError, match="indeterminate"):
         Window(factors, given.model, beliefs.take([1]), Step(given.sensor[0]))
@@ -154,7 +156,7 @@ def test_a_belief_that_is_no_gaussian_has_no_solution():
 def test_costs_and_surprise_by_hand():
     """One measurement: half the square of the direction's error, and of the sensor's and contact's, which are small."""
     given = contact(4, ROBUST)
-    window = Window(make_factors(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
+    window = Window(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
     for step in range(1, 5):
         assert (window.rows["surprise"] == 0.0).all()
         said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)] if step == 4 else []

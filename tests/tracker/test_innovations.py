@@ -9,7 +9,7 @@ from tracker_samples import SHAPES, settings
 
 from palpate import ContactDirection, Estimate, Measurement, ObjectPose, OwnMeasurement, Tracker, Turn
 from palpate.geometry import se2
-from palpate.graph.factors import NAMES
+from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.metrics import innovation_scores
 
 OWN, OBJECT_POSE, CONTACT = map(NAMES.index, ("own", "object_pose", "contact"))

@@ -124,9 +124,9 @@ def warm_up() -> Report:
 
     Example: palpate warm-up
     """
-    from palpate.graph.gauss_newton import improve
+    from palpate.models.pushing.compiled import PUSHING
 
-    if not (folder := improve._cache.cache_path):  # pyright: ignore[reportFunctionMemberAccess]
+    if not (folder := PUSHING.improve._cache.cache_path):  # pyright: ignore[reportFunctionMemberAccess]
         raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
     palpate.Tracker(palpate.Disc(0.05), palpate.DIGIT, None, palpate.TrackerSettings("learnt"))
     return Report("compiled code", {"folder": str(folder)})

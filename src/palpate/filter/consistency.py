@@ -16,10 +16,10 @@ from palpate.arrays import Array, Flags
 from palpate.config import ALARMS, FOUND, HAND, LIKELY, SEVERAL, UNLIKELY, NoiseSettings
 from palpate.filter.hypotheses import Hypotheses
 from palpate.geometry import se2
-from palpate.graph.belief import Belief, clearances
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import NAMES
-from palpate.graph.window import Window
+from palpate.models.pushing.belief import Belief, clearances
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.layout import NAMES
+from palpate.models.pushing.window import Window
 from palpate.types.estimate import Status
 from palpate.types.measurements import ObjectPose
 

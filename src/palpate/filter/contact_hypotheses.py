@@ -16,10 +16,10 @@ from palpate.arrays import Array, Complex, Flags, Integers
 from palpate.config import AHEAD, ANY_YAW, HOPELESS, KNOWN_YAW, LOG_ODDS, MOST_YOUNG, PLACE_SIGMA, POOR, ROUGH, UNLIKELY
 from palpate.filter.hypotheses import Hypotheses, are_near
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import Step
-from palpate.graph.variables import DEPTH, OUTLINE_SCALE
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
 _STEP, _LONGEST = 6e-4, 5.0  # [m] step along the outline, short at the corner of a 2 mm tip, and its largest length
 _SPACING, _TURN = 0.015, 0.314  # [m], [rad] of the normal, from place to place: a graph finds those between

@@ -11,7 +11,9 @@ import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
 from palpate.config import COST_SHARE, OBSERVABLE_YAW, POOR, RECENT, STAYS, Priors
-from palpate.graph.belief import Belief, RowArrays
+from palpate.estimation.rows import RowArrays
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.priors import object_prior
 
 
 @dataclass(eq=False)
@@ -88,7 +90,9 @@ def worth_keeping(rows: Hypotheses, costs: Array, priors: Priors, most: int) -> 
 
     None is poor or the same as a better one. The best stays the best until another one is far likelier.
     """
-    unusual = np.sum(np.square((rows.belief.values - priors.mean) / priors.deviation), axis=1)
+    unusual = np.sum(
+        np.square((rows.belief.values - object_prior(priors).mean) / object_prior(priors).deviation), axis=1
+    )
     scores = rows.log_prior - costs_of_contact(costs) - 0.5 * unusual
     relative = np.exp(scores - scores.max())
     is_settled = rows.disturbed_steps_left == 0

@@ -15,18 +15,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.config import AHEAD, BACK, HAND, LAG, LIKELY, MOST_YOUNG, SLIDES, UNDECIDED, TrackerSettings
+from palpate.config import AHEAD, BACK, HAND, LIKELY, MOST_YOUNG, SLIDES, UNDECIDED, TrackerSettings
 from palpate.errors import EstimationError
+from palpate.estimation.rows import Indices
+from palpate.estimation.window import LAG
 from palpate.filter.consistency import ConsistencyMonitor, disturbance_alarms
 from palpate.filter.contact_hypotheses import contact_hypotheses, is_rough, is_round, outline_places
 from palpate.filter.hypotheses import costs_of_contact, single, worth_keeping
 from palpate.filter.rest import measured_at_rest
-from palpate.graph.belief import Belief, Indices
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.factors import Step, make_factors, step_of, timely
-from palpate.graph.own_measurements import OwnMeasurements
-from palpate.graph.variables import GRIP, IN_OBJECT
-from palpate.graph.window import Window
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.layout import IN_OBJECT
+from palpate.models.pushing.measurements import Step, step_of, timely
+from palpate.models.pushing.own_measurements import OwnMeasurements
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import GRIP
+from palpate.models.pushing.window import Window
 from palpate.types.estimate import REASONS, Answer, Estimate
 from palpate.types.measurements import ContactDirection, Measurement, ObjectPose
 
@@ -50,7 +55,7 @@ class HypothesisBank:
         """Take the first world_T_object (3,) and its covariance (3, 3)."""
         self._model, self._settings, self._most = model, settings.noise, settings.hypotheses
         self._rate = settings.disturbance_rate
-        self._factors = make_factors(settings.noise, model)
+        self._factors = settings_record(settings.noise, model)
         self._lag = LAG if settings.smoother == "fixed-lag" else 2**62
         length, angle = settings.tolerance
         tolerance = (length, math.inf if is_round(model) else angle)  # a round object looks alike at every yaw
@@ -65,9 +70,9 @@ class HypothesisBank:
     def begin(self, pose: Array, covariance: Array) -> None:
         """Begin with nothing known but the object's pose (3,) and its covariance (3, 3)."""
         priors = self._settings.priors
-        joint = np.diag(np.concatenate([np.zeros(3), np.square(priors.deviation)]))
+        joint = np.diag(np.concatenate([np.zeros(3), np.square(object_prior(priors).deviation)]))
         joint[:3, :3] = covariance
-        belief = Belief(pose[None], priors.mean[None], joint[None])
+        belief = Belief(pose[None], object_prior(priors).mean[None], joint[None])
         self._rows = single(belief, sign=-1.0 if self.is_mirrored else 1.0)
         self._is_found = not is_rough(belief, self._model)[0]  # once there was one hypothesis that is sure
         self._sensor_pose: Array | None = None  # at the last frame
@@ -131,7 +136,9 @@ class HypothesisBank:
         since = time if self._resting_since is None else self._resting_since
         if measurements:
             times = since, time
-            self._rows, is_found = measured_at_rest(self._rows, measurements, times, self._monitor, self._own)
+            self._rows, is_found = measured_at_rest(
+                self._rows, measurements, times, self._monitor, self._own, self._factors, self._model
+            )
             self._touched = None if is_found else self._touched
         touched = sensor_pose if self._touched is None else self._touched
         self._monitor.test_rest(self._rows, sensor_pose, touched)
@@ -179,7 +186,7 @@ class HypothesisBank:
             return
         rows, self._is_indeterminate = self._rows, False
         moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, HAND), moved)
-        belief = rows.belief.at_next_contact(self._settings.priors)
+        belief = rows.belief.at_next_contact(object_prior(self._settings.priors))
         rows.log_prior = rows.log_prior - costs_of_contact(self._window.costs())
         rows.belief = belief.inflated(self._monitor.covariance_of_motion(moved_by))
         rows.displacement = np.zeros_like(rows.displacement)

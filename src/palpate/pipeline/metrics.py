@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Array, Flags
 from palpate.geometry import se2
-from palpate.graph.factors import NAMES
+from palpate.models.pushing.layout import NAMES
 from palpate.types.estimate import Trajectory
 
 CONTENT = ("tracking", "resting")

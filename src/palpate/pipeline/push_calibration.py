@@ -17,16 +17,20 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.arrays import Array, Image
-from palpate.config import LAG, NoiseSettings
+from palpate.config import NoiseSettings
 from palpate.errors import EstimationError, FileError
+from palpate.estimation.window import LAG
 from palpate.files import in_file
 from palpate.filter.hypotheses import costs_of_contact
 from palpate.geometry import se2
-from palpate.graph.belief import Belief
-from palpate.graph.contact_geometry import contact_model
-from palpate.graph.factors import Step, make_factors
-from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, OUTLINE_SCALE
-from palpate.graph.window import Window
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.contact_geometry import contact_model
+from palpate.models.pushing.layout import IN_OBJECT
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, OUTLINE_SCALE
+from palpate.models.pushing.window import Window
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 from palpate.touch.background import first_frames
@@ -190,9 +194,9 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
     shows_late = 0.05  # [s] by which a touch does in images that are not late
     poses = se2.interpolated(recording.time - outside[1] - shows_late, recording.time, poses)
     model, priors = contact_model(recording.shape, recording.sensor), noise.priors
-    factors, (first, sigma) = make_factors(noise, model), first_pose_of(recording, noise)
-    joint = np.diag(np.square([*sigma, *priors.deviation]))
-    belief, cost = Belief(first[None], priors.mean[None], joint[None]), 0.0
+    factors, (first, sigma) = settings_record(noise, model), first_pose_of(recording, noise)
+    joint = np.diag(np.square([*sigma, *object_prior(priors).deviation]))
+    belief, cost = Belief(first[None], object_prior(priors).mean[None], joint[None]), 0.0
     last = belief
     assert recording.contact is not None
     for begin, end in flag_runs(recording.contact):
@@ -207,7 +211,7 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
                 window.add(step)
         assert window is not None
         cost += float(costs_of_contact(window.costs())[0] + window.cost_of_belief()[0])
-        last, belief = window.belief(), window.belief().at_next_contact(priors)
+        last, belief = window.belief(), window.belief().at_next_contact(object_prior(priors))
     return cost, last.values[0, _COLUMNS], last.covariance[0, 3:, 3:][np.ix_(_COLUMNS, _COLUMNS)]
 
 

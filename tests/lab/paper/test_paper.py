@@ -11,8 +11,8 @@ import pytest
 
 from palpate import Rectangle, SensorProfile
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import contact_model
 from palpate.lab.paper.transform_network import expanded, fit_linear, reversed_pairs, validation_loss
+from palpate.models.pushing.contact_geometry import contact_model
 
 pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
 from palpate.lab.paper.graph import (

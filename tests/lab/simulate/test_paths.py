@@ -5,7 +5,7 @@ import shapely
 from palpate import DIGIT, Disc, Polygon
 from palpate.geometry.se2 import interpolated
 from palpate.geometry.shapes import sharp_corners
-from palpate.graph.contact_geometry import contact_model
+from palpate.models.pushing.contact_geometry import contact_model
 
 
 def test_sharp_corners_stick_out():

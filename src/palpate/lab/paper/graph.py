@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Array
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import ContactModel
+from palpate.models.pushing.contact_geometry import ContactModel
 
 _log = logging.getLogger(__name__)
 Indices = NDArray[np.int_]

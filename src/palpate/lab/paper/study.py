@@ -15,7 +15,6 @@ from palpate.arrays import Array
 from palpate.errors import EstimationError, FileError
 from palpate.files import read_json, whole_file, write_json
 from palpate.geometry.shapes import Disc
-from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.io.outlines import load_shape
 from palpate.lab.paper import figures
@@ -30,6 +29,7 @@ from palpate.lab.study.recordings import find_recordings
 from palpate.lab.study.results import ALL, table
 from palpate.lab.study.study import StudySettings, Trial, run_study, track_file
 from palpate.lab.train.fit import FitSettings
+from palpate.models.pushing.contact_geometry import contact_model
 from palpate.pipeline.metrics import summarise
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Trajectory

@@ -12,9 +12,9 @@ from palpate.arrays import Array, Flags, Image
 from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse
-from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
 from palpate.lab.parallel import spread
+from palpate.models.pushing.contact_geometry import contact_model
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, mismatch

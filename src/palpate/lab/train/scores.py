@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from palpate.arrays import Array
 from palpate.config import CORNER_LOGIT
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.lab.train.augment import batch
 from palpate.lab.train.networks import Together, TouchNetwork
 from palpate.lab.train.samples import Samples
+from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE
 from palpate.touch.touch_model import Spread
 
 Indices = NDArray[np.int_]
@@ -47,7 +47,7 @@ def errors_of(network: TouchNetwork | Together, samples: Samples) -> Errors:
         elif name == "turn":
             found[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
         else:
-            error = mean + output[:, 2] * (samples.cone - RIGHT_ANGLE) - samples.corner
+            error = mean + output[:, 2] * (samples.cone - HALF_RIGHT_ANGLE) - samples.corner
             at = np.isfinite(samples.corner) & (output[:, 3] > CORNER_LOGIT)
             found[name] = without_offsets(error[at], variance[at], contact[at]), variance[at], contact[at]
     return found

@@ -16,14 +16,14 @@ from torch import Tensor, nn
 from palpate.arrays import Image
 from palpate.errors import FileError, SettingError
 from palpate.files import whole_file, write_json
-from palpate.graph.contact_geometry import RIGHT_ANGLE
-from palpate.graph.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.lab.parallel import held_folder
 from palpate.lab.train.augment import ONE_UNIT, Augmentation, Batch, draw_groups, symmetry, varied_batch
 from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
 from palpate.lab.train.networks import Together, TouchNetwork, exported, restore
 from palpate.lab.train.samples import Samples, read_samples
 from palpate.lab.train.scores import errors_of, judge, measure_spread, spread_of
+from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE
+from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.touch import touch_model
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import misfit
@@ -226,7 +226,7 @@ def learn(
                 on_corner, others = np.isfinite(samples.corner[chosen]), np.isnan(samples.corner[chosen])
                 angle, log_variance, slope, logit = output.unflatten(0, chosen.shape).unbind(-1)
                 label = seen.signed(np.where(on_corner, samples.corner[chosen], 0.0))
-                steeper = torch.from_numpy((samples.cone[chosen] - RIGHT_ANGLE).astype(np.float32))
+                steeper = torch.from_numpy((samples.cone[chosen] - HALF_RIGHT_ANGLE).astype(np.float32))
                 error = label - angle - slope * steeper
                 found[name] = offset_nll(error, log_variance, CORNER_BIAS.prior[1], torch.from_numpy(on_corner))
                 is_known = torch.from_numpy(on_corner | others)

@@ -9,28 +9,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.arrays import Array
 from palpate.checks import without_gradient
 from palpate.errors import EstimationError, SettingError
+from palpate.estimation.records import MOST_OWN_ROWS
+from palpate.estimation.variable import Variable
 from palpate.geometry import se2
-from palpate.graph.variables import (
-    IN_SHARED,
-    LAST_SIZE,
-    OBJECT_POSE,
-    OF_OBJECT,
-    SENSOR,
-    SENSOR_IN_OBJECT,
-    SHARED,
-    VARIABLES,
-    Variable,
-    named,
-)
+from palpate.models.pushing.model import MODEL, named
+from palpate.models.pushing.variables import OBJECT_POSE, SENSOR, SENSOR_IN_OBJECT
 from palpate.types.measurements import OwnMeasurement, check_time
 
 logger = logging.getLogger(__name__)
 _LARGEST = 1e12  # [standard deviations]; the square of more could overflow
-_ROWS = 6  # of a measurement, at most
 
 
 @dataclass(eq=False)
@@ -46,27 +38,23 @@ class OwnMeasurements:
     warned: set[type] = field(default_factory=set)
     """Classes that a warning has already named."""
 
-    def evaluated(self, first: int, g: Array, e: Array, shared: Array, at_rest: bool = False) -> Array:
-        """Return the residuals and Jacobians (B, M, 6, 1 + LAST_SIZE) at poses (B, N, 3), those of the `first` step on.
+    def evaluated(self, first: int, steps: NDArray[np.void], shared: Array) -> Array:
+        """Return the residuals and Jacobians (B, M, 6, 1 + last size) at steps (B, N), of which `first` is the first.
 
         Columns are the residual and its derivatives by g, e and the shared variables. A measurement that returns
         something unusable, or is of variables that there are not while nothing touches the object, is left out from
-        then on; a warning tells of the first of a class.
+        then on; a warning names the first of a class.
         """
-        known = (OBJECT_POSE, *OF_OBJECT) if at_rest else (OBJECT_POSE, *VARIABLES)
-        rows, usable = [], []
+        is_resting = bool(steps["is_resting"][0, 0])
+        rows: list[Array] = []
+        usable: list[tuple[int, OwnMeasurement]] = []
         for step, measurement in self.given:
-            its, k, kind = np.zeros((len(g), _ROWS, 1 + LAST_SIZE)), step - first, type(measurement)
+            kind = type(measurement)
             if not self.is_right.get(kind, True):
                 continue
             try:
-                if missing := [name for name in measurement.on if named(name) not in known]:
-                    found = f"measurement {kind.__name__} is of {missing[0]}"
-                    raise EstimationError(f"{found}; at rest there are {', '.join(one.name for one in known)}")
-                for b in range(len(g)):
-                    residual, jacobian = self._linearised(measurement, values_at(g[b, k], e[b, k], shared[b]))
-                    its[b, : len(residual), 0], its[b, : len(residual), 1:] = residual, jacobian
-                rows.append(its)
+                _check_variables(measurement, is_resting)
+                rows.append(self._of_all_rows(measurement, steps[:, step - first], shared))
                 usable.append((step, measurement))
             except EstimationError as error:
                 which = "it is" if self.is_right.get(kind, True) else "all of them are"
@@ -74,16 +62,29 @@ class OwnMeasurements:
                     logger.warning("frame at %.3f s: %s; %s left out, further ones silently", self.time, error, which)
                 self.warned.add(kind)
         self.given = usable
-        return np.stack(rows, axis=1) if rows else np.empty((len(g), 0, _ROWS, 1 + LAST_SIZE))
+        return np.stack(rows, axis=1) if rows else np.empty((len(steps), 0, MOST_OWN_ROWS, 1 + MODEL.last_size))
+
+    def _of_all_rows(self, measurement: OwnMeasurement, step: NDArray[np.void], shared: Array) -> Array:
+        """Return residual and Jacobian (B, 6, 1 + last size) of a measurement at its step of all rows (B,)."""
+        linear = np.zeros((len(step), MOST_OWN_ROWS, 1 + MODEL.last_size))
+        for b in range(len(step)):
+            values = values_at(step["g"][b], step["e"][b], shared[b])
+            residual, jacobian = self._linearised(measurement, values)
+            linear[b, : len(residual), 0] = residual
+            linear[b, : len(residual), 1:] = jacobian
+        return linear
 
     def _linearised(self, measurement: OwnMeasurement, values: dict[Variable, Array]) -> tuple[Array, Array]:
-        """Return a whitened residual (R,) and its Jacobian (R, LAST_SIZE) by g, e and the shared variables.
+        """Return a whitened residual (R,) and its Jacobian (R, last size) by g, e and the shared variables.
 
         Raises EstimationError, naming the measurement, if it returns something else, or if the first Jacobian of its
         class is not the derivative of the residual.
         """
-        kind, variables = type(measurement), [named(one) for one in measurement.on]
-        at, name, slopes = [values[one] for one in variables], kind.__name__, None
+        kind = type(measurement)
+        name = kind.__name__
+        variables = [named(variable) for variable in measurement.on]
+        at = [values[variable] for variable in variables]
+        slopes: Array | None = None
         try:
             residual, jacobian = _returned(measurement, at)
             if jacobian is None or kind not in self.is_right:
@@ -91,10 +92,10 @@ class OwnMeasurements:
                 jacobian = slopes.mean(axis=0) if jacobian is None else jacobian
         except Exception as error:  # somebody else's code must not cost the contact
             raise EstimationError(f"measurement {name} raises {type(error).__name__}: {error}") from error
-        width = sum(one.dimension for one in variables)
-        if residual.ndim != 1 or len(residual) > _ROWS or jacobian.shape != (len(residual), width):
+        width = sum(variable.dimension for variable in variables)
+        if residual.ndim != 1 or len(residual) > MOST_OWN_ROWS or jacobian.shape != (len(residual), width):
             found = f"a residual of shape {residual.shape} and a Jacobian of shape {jacobian.shape}"
-            wanted = f"(R,) and (R, {width}) with R at most {_ROWS}"
+            wanted = f"(R,) and (R, {width}) with R at most {MOST_OWN_ROWS}"
             raise EstimationError(f"measurement {name} returns {found}; they must be {wanted}")
         if not (np.abs(np.column_stack([residual, jacobian])) < _LARGEST).all():
             raise EstimationError(f"measurement {name} returns a residual or Jacobian that is not finite")
@@ -106,36 +107,52 @@ class OwnMeasurements:
         return residual, _by_all(jacobian, variables, values[SENSOR_IN_OBJECT])
 
 
+def _check_variables(measurement: OwnMeasurement, is_resting: bool) -> None:
+    """Raise EstimationError if a measurement is of variables that there are not while nothing touches the object."""
+    if not is_resting:
+        return
+    known = (OBJECT_POSE, *MODEL.of("object"))
+    for name in measurement.on:
+        if named(name) not in known:
+            allowed = ", ".join(variable.name for variable in known)
+            raise EstimationError(f"measurement {type(measurement).__name__} is of {name}; at rest there are {allowed}")
+
+
 def values_at(g: Array, e: Array, shared: Array) -> dict[Variable, Array]:
-    """Return the values of all variables at poses g and e (3,) and shared variables (SHARED_SIZE,)."""
+    """Return the values of all variables at poses g and e (3,) and shared variables (V,)."""
     values = {SENSOR_IN_OBJECT: g, SENSOR: e, OBJECT_POSE: se2.compose(e, se2.inverse(g))}
-    return values | {one: shared[IN_SHARED[one]] for one in SHARED}
+    for variable, place in MODEL.in_shared.items():
+        values[variable] = shared[place]
+    return values
 
 
 def check_own(measurement: OwnMeasurement) -> None:
     """Raise SettingError on a measurement whose variables, time or residual are missing or wrong."""
-    name, on = type(measurement).__name__, getattr(measurement, "on", None)
+    name = type(measurement).__name__
+    on = getattr(measurement, "on", None)
     if not any(callable(getattr(measurement, method, None)) for method in ("residual", "linearise")):
         raise SettingError(f"measurement {name} has no method residual(...) that returns its residual")
     if not isinstance(on, tuple | list):
         raise SettingError(f"measurement {name} is on {on!r}; it must be a tuple of names of variables")
-    for one in on:
-        named(one)
+    for variable in on:
+        named(variable)
     check_time(name, measurement.time)
 
 
 def _by_all(jacobian: Array, variables: Sequence[Variable], g: Array) -> Array:
     """Return a Jacobian by some variables as one by g, e and the shared variables."""
-    by_each = {one: np.zeros((len(jacobian), one.dimension)) for one in (SENSOR_IN_OBJECT, SENSOR, *SHARED)}
-    ends = np.cumsum([one.dimension for one in variables])
+    by_variable = {
+        variable: np.zeros((len(jacobian), variable.dimension)) for variable in (*MODEL.of("step"), *MODEL.shared)
+    }
+    ends = np.cumsum([variable.dimension for variable in variables])
     for variable, part in zip(variables, np.split(jacobian, ends[:-1], axis=1), strict=True):
         if variable == OBJECT_POSE:
             by_sensor = part @ se2.adjoint(g)
-            by_each[SENSOR] += by_sensor
-            by_each[SENSOR_IN_OBJECT] -= by_sensor
+            by_variable[SENSOR] += by_sensor
+            by_variable[SENSOR_IN_OBJECT] -= by_sensor
         else:
-            by_each[variable] += part
-    return np.concatenate(list(by_each.values()), axis=1)
+            by_variable[variable] += part
+    return np.concatenate(list(by_variable.values()), axis=1)
 
 
 def _wrong_derivative(jacobian: Array, slopes: Array) -> str:
@@ -148,8 +165,9 @@ def _wrong_derivative(jacobian: Array, slopes: Array) -> str:
     wrong = (jacobian < slopes.min(axis=0) - slack) | (jacobian > slopes.max(axis=0) + slack)
     if not wrong.any():
         return ""
-    row, column = map(int, np.argwhere(wrong)[0])
-    found, expected = jacobian[row, column], slopes[:, row, column].mean()
+    row, column = np.argwhere(wrong)[0].tolist()
+    found = jacobian[row, column]
+    expected = slopes[:, row, column].mean()
     return (
         f"returns a Jacobian that is not the derivative of its residual: row {row}, column {column} is {found:.4g}, "
         f"and finite differences are {expected:.4g}"
@@ -158,12 +176,13 @@ def _wrong_derivative(jacobian: Array, slopes: Array) -> str:
 
 def _returned(measurement: OwnMeasurement, at: Sequence[Array]) -> tuple[Array, Array | None]:
     """Return the residual (R,) at values of the variables and its Jacobian, None if the measurement gives none."""
-    is_alone = not hasattr(measurement, "linearise")
-    residual, jacobian = (measurement.residual(*at), None) if is_alone else measurement.linearise(*at)
-    residual = np.atleast_1d(np.asarray(without_gradient(residual), np.float64))
-    if jacobian is not None:
+    jacobian = None
+    if hasattr(measurement, "linearise"):
+        residual, jacobian = measurement.linearise(*at)
         jacobian = np.atleast_2d(np.asarray(without_gradient(jacobian), np.float64))
-    return residual, jacobian
+    else:
+        residual = measurement.residual(*at)
+    return np.atleast_1d(np.asarray(without_gradient(residual), np.float64)), jacobian
 
 
 def _differences(measurement: OwnMeasurement, variables: Sequence[Variable], at: Sequence[Array]) -> Array:
@@ -171,9 +190,13 @@ def _differences(measurement: OwnMeasurement, variables: Sequence[Variable], at:
     size = 1e-6  # [m], [rad]
     middle, _ = _returned(measurement, at)
     columns = []
-    for index, one in enumerate(variables):
-        for step in size * np.eye(one.dimension):
-            moved = [se2.compose(at[index], way) if one.scope == "step" else at[index] + way for way in (-step, step)]
-            before, after = (_returned(measurement, [*at[:index], each, *at[index + 1 :]])[0] for each in moved)
+    for index, variable in enumerate(variables):
+        for step in size * np.eye(variable.dimension):
+            ends = []
+            for change in (-step, step):
+                value = at[index]
+                moved = se2.compose(value, change) if variable.scope == "step" else value + change
+                ends.append(_returned(measurement, [*at[:index], moved, *at[index + 1 :]])[0])
+            before, after = ends
             columns.append([(middle - before) / size, (after - middle) / size])
     return np.moveaxis(np.array(columns), 0, 2)

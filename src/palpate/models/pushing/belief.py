@@ -1,35 +1,24 @@
 """Gaussian beliefs about the object, one a row: its pose and the variables that belong to it."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
-from palpate.arrays import Array, Flags, Integers
-from palpate.config import Priors
+from palpate.arrays import Array
+from palpate.estimation.rows import RowArrays
+from palpate.estimation.variable import Variable
 from palpate.geometry import se2
-from palpate.graph.contact_geometry import ContactModel
-from palpate.graph.variables import DEPTH, IN_OBJECT, OBJECT_SIZE, OUTLINE_SCALE, Variable
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.model import MODEL
+from palpate.models.pushing.priors import ObjectPrior
+from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
-_DEPTH, _SIZE = IN_OBJECT[DEPTH].start, IN_OBJECT[OUTLINE_SCALE].start
-Indices = Integers | Flags | list[int] | slice
-
-
-class RowArrays:
-    """Base of dataclasses whose fields all have one leading axis of rows, or are such dataclasses themselves."""
-
-    def take(self, rows: Indices) -> Self:
-        """Return these rows; a row may be taken several times."""
-        every = vars(self).items()
-        return type(self)(**{name: one[rows] if isinstance(one, np.ndarray) else one.take(rows) for name, one in every})
-
-    def joined(self, other: Self) -> Self:
-        """Return the rows of both, one after the other."""
-        both = {}
-        for name, one in vars(self).items():
-            two = getattr(other, name)
-            both[name] = np.concatenate([one, two]) if isinstance(one, np.ndarray) else one.joined(two)
-        return type(self)(**both)
+OBJECT_SIZE = MODEL.object_size
+"""Numbers of the object's variables."""
+_IN_OBJECT = MODEL.in_object
+_DEPTH = 3 + _IN_OBJECT[DEPTH].start
+_SCALE = 3 + _IN_OBJECT[OUTLINE_SCALE].start
+_TANGENT = 3  # numbers of a pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +34,7 @@ class Belief(RowArrays):
 
     def __getitem__(self, variable: Variable) -> Array:
         """Return a variable of the object, (B, dimension)."""
-        return self.values[:, IN_OBJECT[variable]]
+        return self.values[:, _IN_OBJECT[variable]]
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -65,18 +54,18 @@ class Belief(RowArrays):
         joint[:, :3, :3] += covariance
         return Belief(self.pose, self.values, joint)
 
-    def at_next_contact(self, priors: Priors) -> "Belief":
+    def at_next_contact(self, prior: ObjectPrior) -> "Belief":
         """Return the belief for the next contact, between which the object's variables may have changed.
 
-        They move back towards their priors by as much as they become less certain, so that without measurements they
-        return to the priors.
+        They move back towards their prior by as much as they become less certain, so that without measurements they
+        return to it.
         """
-        changes = priors.changes[0]
-        keeps = np.sqrt(1.0 - changes / np.square(priors.deviation))
-        left = np.concatenate([np.ones(3), keeps])
+        changes = prior.change_between_contacts
+        keeps = np.sqrt(1.0 - changes / np.square(prior.deviation))
+        left = np.concatenate([np.ones(_TANGENT), keeps])
         joint = self.covariance * np.outer(left, left)
-        joint[:, 3:, 3:] += np.diag(changes)
-        return Belief(self.pose, priors.mean + keeps * (self.values - priors.mean), joint)
+        joint[:, _TANGENT:, _TANGENT:] += np.diag(changes)
+        return Belief(self.pose, prior.mean + keeps * (self.values - prior.mean), joint)
 
 
 def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tuple[Array, Array]:
@@ -86,12 +75,18 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     """
     g = se2.between(belief.pose[:, None], sensor_poses)
     near = model.touching(g)
-    gap, normal = near["gap"], near["normal"]
-    reach = np.real(np.conj(normal) * (near["point"] - model.friction_center)) - gap * np.square(np.abs(normal))
+    gap = near["gap"]
+    normal = near["normal"]
+    arm = near["point"] - model.friction_center
+    extent = np.real(np.conj(normal) * arm) - gap * np.square(np.abs(normal))
     # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
-    place, by_g = g[..., 0] + 1j * g[..., 1], near["gap_by_g"]
+    position = g[..., 0] + 1j * g[..., 1]
+    by_g = near["gap_by_g"]
     force = np.exp(1j * g[..., 2]) * (by_g[..., 0] + 1j * by_g[..., 1])
-    by = np.zeros((*gap.shape, 3 + OBJECT_SIZE))
-    by[..., 0], by[..., 1], by[..., 2] = -force.real, -force.imag, -by_g[..., 2] - (place.conj() * force).imag
-    by[..., 3 + _DEPTH], by[..., 3 + _SIZE] = 1.0, -reach
-    return gap + belief[DEPTH] - belief[OUTLINE_SCALE] * reach, by
+    derivative = np.zeros((*gap.shape, _TANGENT + OBJECT_SIZE))
+    derivative[..., 0] = -force.real
+    derivative[..., 1] = -force.imag
+    derivative[..., 2] = -by_g[..., 2] - (position.conj() * force).imag
+    derivative[..., _DEPTH] = 1.0
+    derivative[..., _SCALE] = -extent
+    return gap + belief[DEPTH] - belief[OUTLINE_SCALE] * extent, derivative

@@ -21,17 +21,18 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Array, Complex, Records
 from palpate.compiled import compiled, kernel
-from palpate.config import SOFT
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
-from palpate.graph.se2_kernels import position, rotation
+from palpate.manifolds.se2_kernels import position, rotation
 from palpate.types.sensor import SensorProfile
 
 Weights = tuple[float, float, float, float]
 _FIELD_MARGIN = 0.04  # [m] around the outline that the distance grid covers
+LOAD_LENGTH = 2e-4
+"""[m] Indentation over which the parts of a pad share the load: keeps the contact smooth."""
 _WALK = 1e-3  # [m] step length along an outline
 
-RIGHT_ANGLE = 0.25 * math.pi
+HALF_RIGHT_ANGLE = 0.25 * math.pi
 """Half the angle between the normals of the sides of a right-angled corner [rad]."""
 CONTACT_GEOMETRY = np.dtype(
     [("gap", "f8"), ("gap_by_g", "3f8")]
@@ -180,19 +181,19 @@ def _put_mean(parts: Records, touch: Records) -> None:
     touch.gap_by_g[:] = 0.0
     touch.point_by_g[:] = touch.material_by_g[:] = touch.normal_by_g[:] = 0.0
     for i in range(len(parts)):
-        total += math.exp((nearest - parts[i].gap) / SOFT)
+        total += math.exp((nearest - parts[i].gap) / LOAD_LENGTH)
     for i in range(len(parts)):
-        part, share = parts[i], math.exp((nearest - parts[i].gap) / SOFT) / total
+        part, share = parts[i], math.exp((nearest - parts[i].gap) / LOAD_LENGTH) / total
         touch.point += share * part.point
         touch.material += share * part.material
         touch.normal += share * part.normal
         for c in range(3):
             touch.gap_by_g[c] += share * part.gap_by_g[c]
-    touch.gap = nearest - SOFT * math.log(total / len(parts))
+    touch.gap = nearest - LOAD_LENGTH * math.log(total / len(parts))
     for i in range(len(parts)):
-        part, share = parts[i], math.exp((nearest - parts[i].gap) / SOFT) / total
+        part, share = parts[i], math.exp((nearest - parts[i].gap) / LOAD_LENGTH) / total
         for c in range(3):
-            grows = (touch.gap_by_g[c] - part.gap_by_g[c]) / SOFT  # derivative of the share over the share
+            grows = (touch.gap_by_g[c] - part.gap_by_g[c]) / LOAD_LENGTH  # derivative of the share over the share
             touch.point_by_g[c] += share * (part.point_by_g[c] + grows * part.point)
             touch.material_by_g[c] += share * (part.material_by_g[c] + grows * part.material)
             touch.normal_by_g[c] += share * (part.normal_by_g[c] + grows * part.normal)

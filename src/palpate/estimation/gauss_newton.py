@@ -1,0 +1,290 @@
+"""Gauss-Newton steps of all rows of a window, in compiled code: linearise, eliminate step by step, substitute back.
+
+All rows share the terms of measurements, which are sorted by step. What the numbers mean is known to the model alone:
+its `Functions` linearise factors and move variables; see `estimation.eliminate` for the matrix.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from palpate.arrays import Array, Flags, Records
+from palpate.compiled import compiled, kernel
+from palpate.estimation.compiled_model import BELIEF, MEASUREMENT, PROCESS, Functions, Given, Own, copy_own
+from palpate.estimation.eliminate import (
+    eliminate,
+    eliminate_step,
+    inflate,
+    step_into_past,
+    substitute_back,
+    substitute_forward,
+)
+from palpate.estimation.innovations import make_put_innovations, make_put_process_innovations, make_put_surprise
+
+CONVERGED = 5e-5
+"""[m], [rad] Largest change of a variable of a step that ends the iterations: with six times as much, real pushes end
+worse."""
+_FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a robust kernel that counts as all
+
+
+def make_improve(model: Functions, name: str) -> Callable[..., None]:
+    """Return the compiled function that improves rows of a window of a model; `name` tells models apart on disk."""
+    improve_row = make_improve_row(model)
+
+    def improve(
+        steps: Records,
+        left: int,
+        rows: Records,
+        terms: Records,
+        own: Own,
+        given: Given,
+        changing: Flags,
+        iterations: int,
+    ) -> None:
+        """Take Gauss-Newton steps of the rows that are `changing` (B,) until each has converged, which clears its flag.
+
+        Steps are (B, N), after `left` that have left the window, rows (B,) and terms (T,); see `estimation.records`. A
+        row takes so many iterations at most.
+        """
+        for b in range(len(rows)):
+            if changing[b]:
+                own_of_row = (own[0], own[1][b])
+                changing[b] = improve_row(steps[b], left, rows[b], terms, own_of_row, given, iterations)
+
+    improve.__qualname__ = f"improve_{name}"
+    return compiled(improve)
+
+
+def make_improve_row(model: Functions) -> Any:
+    """Return the compiled function of a model that does this: take Gauss-Newton steps of one row; return True if it has not converged yet."""
+    eliminate_steps = make_eliminate_steps(model)
+    move = make_move(model)
+    put_object_covariance = make_put_object_covariance(model)
+    put_process_innovations = make_put_process_innovations(model)
+    put_innovations = make_put_innovations(model)
+    put_surprise = make_put_surprise(model)
+
+    @kernel
+    def improve_row(
+        steps: Records,
+        left: int,
+        row: Records,
+        terms: Records,
+        own: Own,
+        given: Given,
+        iterations: int,
+    ) -> bool:
+        """Take Gauss-Newton steps of one row; return True if it has not converged yet."""
+        settings, _drift, surface, work = given
+        is_changing = True
+        for _ in range(iterations):
+            for k in range(len(steps)):
+                model.prepare_step(steps[k], surface)
+            is_found = eliminate_steps(steps, left, row, terms, own, given)
+            row.is_lost = not (is_found and move(steps, row, work[0].change))
+            is_changing = not row.is_lost and row.change >= CONVERGED
+            if not is_changing:
+                break
+        if not row.is_lost:
+            model.prepare_step(steps[len(steps) - 1], surface)
+            model.prepare_last(steps, row, settings[0])
+            put_process_innovations(steps, row, given)
+            put_object_covariance(steps[len(steps) - 1], row, work[0])
+            put_innovations(steps, left, row, terms, own, given)
+            put_surprise(steps, left, row)
+        return is_changing
+
+    return improve_row
+
+
+def make_eliminate_steps(model: Functions) -> Any:
+    """Return the compiled function of a model that does this: linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
+    begin_with_past = make_begin_with_past(model)
+    write_next_past = make_write_next_past(model)
+
+    @kernel
+    def eliminate_steps(steps: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> bool:
+        """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
+        settings = given[0][0]
+        drift = given[1]
+        surface = given[2]
+        work = given[3][0]
+        system = work.system
+        gradient = work.gradient
+        out = work.linear
+        system[:] = 0.0
+        gradient[:] = 0.0
+        begin_with_past(steps[0], row, work)
+        t = 0
+        for k in range(len(steps)):
+            now = steps[k]
+            before = steps[max(k - 1, 0)]
+            now.cost[:2] = 0.0
+            now.cost_of_belief = 0.0
+            model.prepare_process(steps, k, row, settings)
+            if k > 0:
+                step_into_past(model.step_size, system, gradient)
+                for kind in range(model.pairs):
+                    count = model.linearise_step(kind, before, now, row, settings, surface, out)
+                    _add(model.roles[kind], count, out, now, system, gradient)
+            if k == 1:
+                write_next_past(now, row, drift, work)
+            for kind in range(model.pairs, model.step_factors):
+                if left + k == 0 or not model.is_first[kind]:
+                    count = model.linearise_step(kind, before, now, row, settings, surface, out)
+                    _add(model.roles[kind], count, out, now, system, gradient)
+            while t < len(terms) and terms[t].step == left + k:
+                kind = int(terms[t].kind)
+                count = model.linearise_measured(kind, now, row, terms[t], settings, surface, out)
+                _add(model.roles[kind], count, out, now, system, gradient)
+                t += 1
+            for m in range(len(own[0])):
+                if own[0][m] == left + k:
+                    count = copy_own(model.step_size, own[1][m], out)
+                    _add(MEASUREMENT, count, out, now, system, gradient)
+            if k > 0 and not eliminate_step(system, gradient, before.root, before.y):
+                return False
+        return eliminate(model.step_size, system, gradient, row.last_root, row.last_y)
+
+    return eliminate_steps
+
+
+def make_begin_with_past(model: Functions) -> Any:
+    """Return the compiled function of a model that does this: write what older steps say about the oldest one in the window and the shared variables."""
+
+    @kernel
+    def begin_with_past(oldest: Records, row: Records, work: Records) -> None:
+        """Write what older steps say about the oldest one in the window and the shared variables."""
+        past = row.past
+        system = work.system
+        gradient = work.gradient
+        change = work.change
+        first = model.step_size
+        size = model.step_size + model.shared_size
+        model.difference(past, oldest, work.linear.error, change)
+        for i in range(model.shared_size):
+            change[first + i] = row.shared[i] - past.shared[i]
+        for i in range(size):
+            gradient[first + i] = past.gradient[i]
+            for j in range(size):
+                gradient[first + i] -= past.information[i, j] * change[j]
+                system[first + i, first + j] = past.information[i, j]
+
+    return begin_with_past
+
+
+def make_write_next_past(model: Functions) -> Any:
+    """Return the compiled function of a model that does this: write what the oldest step will say about the second once it has left; all its factors are in the system."""
+
+    @kernel
+    def write_next_past(second: Records, row: Records, drift: Array, work: Records) -> None:
+        """Write what the oldest step will say about the second once it has left; all its factors are in the system."""
+        work.next_system = work.system
+        work.next_gradient = work.gradient
+        system = work.next_system
+        gradient = work.next_gradient
+        past = row.next_past
+        first = model.step_size
+        size = model.step_size + model.shared_size
+        is_found = eliminate_step(system, gradient, work.next_root, work.next_y)
+        model.copy_step(second, past)
+        past.shared = row.shared
+        for i in range(size):
+            past.gradient[i] = gradient[first + i] if is_found else math.nan
+            for j in range(i, size):
+                value = system[first + i, first + j] if is_found else math.nan
+                past.information[i, j] = value
+                past.information[j, i] = value
+        inflate(drift, past.information, past.gradient, work.change)
+
+    return write_next_past
+
+
+@kernel
+def _add(role: int, count: int, out: Records, now: Records, system: Array, gradient: Array) -> None:
+    """Add the rows of a factor to the system and their costs to those of the step, and clear them.
+
+    The cost is half the square of each row, reduced by its kernel. A Cauchy kernel of scale k gives a square s the
+    weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The costs of
+    several rows under one kernel add up to this.
+    """
+    width = len(gradient)
+    for r in range(count):
+        row = out.jacobian[r]
+        weight = out.weight[r]
+        residual = out.residual[r]
+        for i in range(width):
+            if row[i] != 0.0:
+                pull = weight * row[i]
+                gradient[i] -= pull * residual
+                for j in range(i, width):
+                    system[i, j] += pull * row[j]
+        row[:] = 0.0
+        square = out.information[r] * residual**2
+        if role == BELIEF:
+            now.cost_of_belief += 0.5 * square
+            continue
+        if not out.information[r] > 0.0:
+            continue
+        left = weight / out.information[r]
+        if left < _FULL_WEIGHT:
+            square *= -left / (1.0 - left) * math.log(left)
+        now.cost[1 if role == PROCESS else 0] += 0.5 * square
+
+
+def make_move(model: Functions) -> Any:
+    """Return the compiled function of a model that does this: move all values, newest step first; False if a change is not finite. `change` (width,) is room."""
+
+    @kernel
+    def move(steps: Records, row: Records, change: Array) -> bool:
+        """Move all values, newest step first; False if a change is not finite. `change` (width,) is room."""
+        size = model.step_size
+        largest = 0.0
+        total = 0.0
+        substitute_back(size, row.last_root, row.last_y, change)
+        for i in range(model.shared_size):
+            row.shared[i] += change[2 * size + i]
+        for i in range(size + model.shared_size):
+            row.moved[i] = change[size + i]
+        for k in range(len(steps) - 1, -1, -1):
+            now = steps[k]
+            model.move_step(now, change[size:])
+            model.put_object(now)
+            for i in range(size, 2 * size):
+                largest = max(largest, abs(change[i]))
+                total += change[i]  # which is not finite if one of them is not
+            if k > 0:
+                substitute_back(0, steps[k - 1].root, steps[k - 1].y, change)
+                for i in range(size):
+                    change[size + i] = change[i]
+        row.change = largest
+        return math.isfinite(total)
+
+    return move
+
+
+def make_put_object_covariance(model: Functions) -> Any:
+    """Return the compiled function of a model that does this: write the joint covariance of the object's last pose and its variables."""
+
+    @kernel
+    def put_object_covariance(last: Records, row: Records, work: Records) -> None:
+        """Write the joint covariance of the object's last pose and its variables."""
+        out = work.linear
+        first = model.step_size
+        size = len(row.covariance)
+        width = len(work.gradient)
+        model.put_object_derivative(last, out.jacobian, first)
+        for i in range(size):
+            derivative = out.jacobian[i]
+            if i >= 3:
+                derivative[width - size + i] = 1.0
+            substitute_forward(first, row.last_root, derivative)
+            for j in range(i + 1):
+                product = 0.0
+                for k in range(first, width):
+                    product += derivative[k] * out.jacobian[j, k]
+                row.covariance[i, j] = product
+                row.covariance[j, i] = product
+        out.jacobian[:] = 0.0
+
+    return put_object_covariance

@@ -1,0 +1,140 @@
+"""A model: the variables and factors of a graph, and their places in vectors and matrices.
+
+A *step* has a vector of its own variables; the variables that all steps of a contact share form another one, first
+those of the contact, then those of the object. The columns of a Jacobian are those of the step before, of this step,
+and of the shared variables.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import SettingError
+from palpate.estimation.factor import READS, Factor
+from palpate.estimation.variable import Scope, Variable
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Variables and factors, in the order of their places."""
+
+    variables: tuple[Variable, ...]
+    """All variables."""
+    factors: tuple[Factor, ...]
+    """All factors: those of pairs of steps, then those of every or the first step, then those of measurements."""
+    geometry: np.dtype
+    """Fields `now.touch`, computed from variables of the step; those with `_by_NAME` are derivatives by a variable."""
+    step_numbers: tuple[str, ...] = ()
+    """Further numbers of a step that factors read as `now.NAME`."""
+    step_poses: tuple[str, ...] = ()
+    """Known poses of a step that factors read as `now.NAME`."""
+    _by_name: dict[str, Variable] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_name", {variable.name: variable for variable in self.variables})
+        for factor in self.factors:
+            shared = [variable.name for variable in self.shared]
+            for name in factor.variables:
+                if name not in shared:
+                    known = ", ".join((*shared, *READS))
+                    raise SettingError(
+                        f"factor {factor.name!r} reads {name!r}, which the model lacks; known are {known}"
+                    )
+        order = [("pair", "every", "first", None).index(factor.steps) for factor in self.factors]
+        if [place > 0 for place in order] != sorted(place > 0 for place in order) or [
+            place == 3 for place in order
+        ] != sorted(place == 3 for place in order):
+            raise SettingError("factors of pairs of steps come first, and those of measurements last")
+
+    def of(self, *scopes: Scope) -> tuple[Variable, ...]:
+        """Return the variables of some scopes, in the order of these."""
+        return tuple(variable for scope in scopes for variable in self.variables if variable.scope == scope)
+
+    @cached_property
+    def shared(self) -> tuple[Variable, ...]:
+        """Variables that all steps of a contact share."""
+        return self.of("contact", "object")
+
+    @cached_property
+    def step_size(self) -> int:
+        """Numbers of one step."""
+        return size(self.of("step"))
+
+    @cached_property
+    def shared_size(self) -> int:
+        """Numbers of the shared variables."""
+        return size(self.shared)
+
+    @cached_property
+    def object_size(self) -> int:
+        """Numbers of the variables that belong to the object."""
+        return size(self.of("object"))
+
+    @cached_property
+    def contact_size(self) -> int:
+        """Numbers of the variables that belong to a contact."""
+        return size(self.of("contact"))
+
+    @property
+    def last_size(self) -> int:
+        """Numbers of one step and the shared variables."""
+        return self.step_size + self.shared_size
+
+    @property
+    def width(self) -> int:
+        """Numbers of two steps and the shared variables."""
+        return 2 * self.step_size + self.shared_size
+
+    @cached_property
+    def in_shared(self) -> dict[Variable, slice]:
+        """Places of variables in the vector of the shared ones."""
+        return places(self.shared)
+
+    @cached_property
+    def in_object(self) -> dict[Variable, slice]:
+        """Places of variables in the vector of the object's."""
+        return places(self.of("object"))
+
+    @cached_property
+    def in_step(self) -> dict[Variable, slice]:
+        """Places of variables in the vector of a step."""
+        return places(self.of("step"))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the factors, and of measurements that bring their own residual."""
+        return (*(factor.name for factor in self.factors), "own")
+
+    def column(self, variable: Variable) -> int:
+        """Return the first column of a shared variable in a Jacobian."""
+        return 2 * self.step_size + self.in_shared[variable].start
+
+    def prior_mean(self, variables: Sequence[Variable]) -> list[float]:
+        """Return the prior mean of each number of some variables."""
+        return [variable.prior[0] for variable in variables for _ in range(variable.dimension)]
+
+    def prior_deviation(self, variables: Sequence[Variable]) -> list[float]:
+        """Return the prior standard deviation of each number of some variables."""
+        return [variable.prior[1] for variable in variables for _ in range(variable.dimension)]
+
+    def factor_of(self, measurement: Any) -> int | None:
+        """Return the place of the factor that a measurement brings, None if there is none."""
+        return self._factors_by_class.get(type(measurement))
+
+    @cached_property
+    def _factors_by_class(self) -> dict[type, int]:
+        return {factor.measurement: i for i, factor in enumerate(self.factors) if factor.measurement is not None}
+
+
+def size(variables: Sequence[Variable]) -> int:
+    """Return the number of numbers of some variables."""
+    return sum(variable.dimension for variable in variables)
+
+
+def places(variables: Sequence[Variable]) -> dict[Variable, slice]:
+    """Return the places of variables in the vector that holds them in this order."""
+    ends = np.cumsum([variable.dimension for variable in variables]).tolist()
+    return {variable: slice(end - variable.dimension, end) for variable, end in zip(variables, ends, strict=True)}

@@ -1,0 +1,165 @@
+"""Smoother over the last steps of a contact: Gauss-Newton on a sliding window, older steps are marginalised.
+
+All B hypotheses of a contact are rows of one window: every array has a leading axis B. To branch, prune and reorder
+hypotheses is to take rows. The terms are shared by all rows; the rows differ in their values and their past.
+
+Every step relinearises the whole window, so that its cost does not grow with the length of the contact. A step that
+leaves the window leaves a Gaussian on the next step and the shared variables (Schur complement), linearised where that
+step was before the last Gauss-Newton step. With an unlimited lag this is the batch solution.
+"""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import Array, Flags
+from palpate.errors import EstimationError
+from palpate.estimation.compiled_model import CompiledModel
+from palpate.estimation.rows import Indices
+from palpate.types.measurements import OwnMeasurement
+
+LAG = 40
+"""Steps in a sliding window: 20 or 30 lose a little."""
+ITERATIONS = 4
+"""Largest number of Gauss-Newton steps in a frame. With fewer, innovations of two standard deviations take two frames
+to be fused."""
+REMEMBERED = 1000
+"""Steps that left the window whose costs still count, half a minute: older ones are forgotten."""
+
+
+class OwnMeasurements(Protocol):
+    """Measurements that bring their own residual."""
+
+    given: list[tuple[int, OwnMeasurement]]
+    """Measurements with their steps."""
+    time: float
+    """Time of the last frame [s]."""
+
+    def evaluated(self, first: int, steps: NDArray[np.void], shared: Array) -> Array:
+        """Return residuals and Jacobians (B, M, R, 1 + last size) at steps (B, N), of which `first` is the first."""
+        ...
+
+
+class Window:
+    """The graph of one contact over its last steps, in B rows."""
+
+    def __init__(
+        self,
+        compiled: CompiledModel,
+        settings: NDArray[np.void],
+        surface: Any,
+        drift: Array,
+        steps: NDArray[np.void],
+        rows: NDArray[np.void],
+        lag: int,
+        own: OwnMeasurements,
+    ) -> None:
+        """Take the first step (B, 1) and the rows (B,), and the model with what its factors read.
+
+        `drift` are the variances by which numbers of a step and the shared variables change from step to step; within
+        the window these count as constant.
+        """
+        self._compiled = compiled
+        self._given = (settings, drift, surface, np.zeros(1, compiled.records.work))
+        self._lag = lag
+        self._steps = steps
+        self.rows: NDArray[np.void] = rows
+        """State of each row, `estimation.records.row_type` (B,)."""
+        self._left = 0  # number of steps that have left the window
+        self._left_costs = np.empty((len(rows), 0, 3))  # of steps that left the window
+        self._terms = np.empty((0, compiled.term_size))
+        self._own = own
+        self._own.given = []
+
+    def take(self, rows: Indices) -> None:
+        """Keep these rows, in this order; a row may be taken several times."""
+        self._steps = _raw(self._steps)[rows].view(self._compiled.records.step)
+        self.rows = _raw(self.rows)[rows].view(self._compiled.records.row)
+        self._left_costs = self._left_costs[rows]
+
+    def last(self, row: int) -> np.void:
+        """Return the last step of a row; see `estimation.records.step_type`."""
+        return self._steps[row, -1]
+
+    def object_path(self) -> Array:
+        """Return the object poses of all steps in the window, (B, N, 3)."""
+        return self._steps["object"].copy()
+
+    def costs(self) -> Array:
+        """Return the cost of each of the last steps (B, N, 3): minus its log likelihood, except for a constant.
+
+        The first column is that of the measurements, the second that of the process, which holds only while nothing but
+        the sensor moves the object, and the third is 1 where the second does not count. At most a thousand steps that
+        left the window are included.
+        """
+        return np.concatenate([self._left_costs, self._steps["cost"]], axis=1)
+
+    def cost_of_belief(self) -> Array:
+        """Return the cost (B,) of leaving the beliefs that the contact began with, while its first step is kept."""
+        return self._steps["cost_of_belief"][:, 0].copy()
+
+    def count_all_costs(self, rows: Flags) -> None:
+        """Count the costs of the process in all steps so far of some rows (B,)."""
+        self._left_costs[rows, :, 2] = 0.0
+        self._steps["cost"][rows, :, 2] = 0.0
+
+    def _append(self, step: NDArray[np.void]) -> None:
+        """Add the next step (B, 1), with what was measured of it; the oldest one leaves a full window."""
+        if self._steps.shape[1] == self._lag:
+            self._marginalise()
+        self._steps = np.concatenate([_raw(self._steps), _raw(step)], axis=1).view(self._compiled.records.step)
+        self._compiled.begin_step(self._steps)
+
+    def _join(self, arrived: Array, own: list[tuple[int, OwnMeasurement]], time: float) -> None:
+        """Take the terms that arrive with the last step, at a time [s]."""
+        self._own.time = time
+        self._own.given = [(step, measurement) for step, measurement in (*self._own.given, *own) if step >= self._left]
+        self._terms = np.concatenate([self._terms, arrived])
+        is_late = len(arrived) > 0 and arrived[0, 0] < self._left + self._steps.shape[1] - 1
+        if is_late:
+            terms = self._terms[self._terms[:, 0] >= self._left]  # the step of a late one may have left the window
+            self._terms = terms[np.lexsort((terms[:, 1], terms[:, 0]))]
+
+    def _solve(self, changing: Flags) -> None:
+        """Take Gauss-Newton steps of the rows that are `changing` (B,); the others keep their solution.
+
+        Raises EstimationError where no row has a solution.
+        """
+        terms = self._terms.view(self._compiled.records.term)[:, 0]
+        steps_of_own = np.array([step for step, _ in self._own.given], np.int64)
+        linear = np.empty((len(self.rows), 0, 0, 0))
+        # Own measurements are evaluated in Python, once for each Gauss-Newton step.
+        calls = ITERATIONS if self._own.given else 1
+        for _ in range(calls):
+            if self._own.given:
+                linear = self._own.evaluated(self._left, self._steps, self.rows["shared"])
+                steps_of_own = np.array([step for step, _ in self._own.given], np.int64)
+            self._compiled.improve(
+                self._steps,
+                self._left,
+                self.rows,
+                terms,
+                (steps_of_own, linear),
+                self._given,
+                changing,
+                ITERATIONS // calls,
+            )
+            if not changing.any():
+                break
+        if self.rows["is_lost"].all():
+            raise EstimationError("the linear system of the window is indeterminate")
+
+    def _marginalise(self) -> None:
+        """Replace the oldest step by a Gaussian on the next one and the shared variables."""
+        costs = np.concatenate([self._left_costs, self._steps["cost"][:, :1]], axis=1)
+        self._left_costs = costs[:, -REMEMBERED:]
+        self.rows["past"] = self.rows["next_past"]
+        self._steps = self._steps[:, 1:]
+        self._left += 1
+        self._terms = self._terms[np.searchsorted(self._terms[:, 0], self._left) :]
+
+
+def _raw(records: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the same records without their fields, since NumPy copies arrays of fields one by one."""
+    return records.view(np.dtype((np.void, records.itemsize)))

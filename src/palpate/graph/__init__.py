@@ -1,1 +1,0 @@
-"""The factor graph of one contact: variables, factors and the sliding window that solves it."""

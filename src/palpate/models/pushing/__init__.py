@@ -1,0 +1,1 @@
+"""Quasi-static planar pushing of an object with a known outline by a touching sensor."""

@@ -1,0 +1,98 @@
+"""The measurements of one step, and the terms that they bring."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.arrays import Array
+from palpate.estimation.compiled_model import CompiledModel
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.variables import DIRECTION_BIAS, DIRECTION_SCALE
+from palpate.types.measurements import ContactDirection, Measurement, OwnMeasurement
+
+logger = logging.getLogger(__name__)
+
+SLACK = 0.02
+"""[s] Tolerance on a measurement's time: clocks of cameras and robots differ."""
+_NO_ROOT = 9 * (0.0,)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Input of one step of a contact."""
+
+    sensor_pose: Array
+    """Measured world_T_sensor, (3,) [m, m, rad]."""
+    measurements: Sequence[Measurement] = ()
+    """Measurements from touch and other sources, those of other times near one of `times`."""
+    from_touch: int = 0
+    """Number of leading measurements that were read from touch images, which may be mirrored."""
+    times: Sequence[float] = (0.0,)
+    """Times of the last steps, this one last [s]."""
+
+    def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
+        """Return the contact directions, each as angles (B,) [rad], given bias and scale, and a variance [rad^2].
+
+        `sign` (B,) is -1 where touch images are taken as mirrored.
+        """
+        bias = belief[DIRECTION_BIAS][:, 0]
+        scale = belief[DIRECTION_SCALE][:, 0]
+        directions = []
+        for index, measurement in enumerate(self.measurements):
+            if not isinstance(measurement, ContactDirection):
+                continue
+            seen = measurement.angle * sign if index < self.from_touch else np.full_like(sign, measurement.angle)
+            angle = seen - bias
+            # One Newton step towards psi + scale sin(psi) = angle.
+            psi = angle - scale * np.sin(angle) / (1.0 + scale * np.cos(angle))
+            directions.append((psi, measurement.variance))
+        return directions
+
+
+def timely(measurements: Sequence[Measurement], times: Sequence[float]) -> list[Measurement]:
+    """Return the measurements without those of a time before or after all of these [s], which a warning names."""
+    kept = []
+    for measurement in measurements:
+        time = getattr(measurement, "time", None)
+        if time is None or times[0] - SLACK <= time <= times[-1] + SLACK:
+            kept.append(measurement)
+        else:
+            found = f"measurement {type(measurement).__name__} has time {time} s"
+            allowed = f"between {times[0]:.3f} s and now"
+            logger.warning("frame at %.3f s: %s, which is not %s; it is left out", times[-1], found, allowed)
+    return kept
+
+
+def step_of(measurement: Measurement, times: Sequence[float]) -> int:
+    """Return the step nearest to the time of a measurement: 0 is the last of these times [s], -1 the one before."""
+    time = getattr(measurement, "time", None)
+    if time is None:
+        return 0
+    return int(np.argmin(np.abs(np.asarray(times) - time))) + 1 - len(times)
+
+
+def terms_of(compiled: CompiledModel, step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasurement]]]:
+    """Return the terms that arrive with a step of this number, and own measurements with their steps.
+
+    Terms are rows (T, numbers of `estimation.records.term_type`) in the order of their steps and kinds.
+    """
+    terms: list[tuple[float, ...]] = []
+    own: list[tuple[int, OwnMeasurement]] = []
+    for index, measurement in enumerate(step.measurements):
+        at = number + step_of(measurement, step.times)
+        if isinstance(measurement, OwnMeasurement):
+            own.append((at, measurement))
+            continue
+        kind = compiled.model.factor_of(measurement)
+        if kind is None:
+            continue
+        factor = compiled.model.factors[kind]
+        data = factor.term(measurement)
+        padding = (compiled.term_data - len(data)) * (0.0,)
+        root = _NO_ROOT if factor.root is None else factor.root(measurement).ravel().tolist()
+        variance = getattr(measurement, "variance", 0.0)
+        terms.append((at, kind, number, index < step.from_touch, variance, *data, *padding, *root))
+    terms.sort(key=lambda term: term[:2])
+    return np.array(terms, np.float64).reshape(-1, compiled.term_size), own

@@ -1,0 +1,45 @@
+"""The prior of the object's variables as vectors, in the order of the model."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from palpate.arrays import Array
+from palpate.config import Priors
+from palpate.estimation.model import Model
+from palpate.models.pushing.model import MODEL
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPrior:
+    """Belief about the object's variables before its first contact, and how they change."""
+
+    mean: Array
+    """Means (V,)."""
+    deviation: Array
+    """Standard deviations (V,)."""
+    change_between_contacts: Array
+    """Variances (V,) of the changes from one contact to the next."""
+    change_per_step: Array
+    """Variances (V,) of the changes in each step of a contact."""
+
+
+@lru_cache(maxsize=32)
+def object_prior(priors: Priors, model: Model = MODEL) -> ObjectPrior:
+    """Return the prior of a model's object: by the settings where these have it, else as the variable states it."""
+    means: list[float] = []
+    deviations: list[float] = []
+    changes: list[tuple[float, float]] = []
+    for variable in model.of("object"):
+        mean, deviation = getattr(priors, variable.name, variable.prior)
+        means.extend(variable.dimension * [mean])
+        deviations.extend(variable.dimension * [deviation])
+        changes.extend(variable.dimension * [variable.change])
+    share = np.array(changes).T
+    return ObjectPrior(
+        mean=np.array(means),
+        deviation=np.array(deviations),
+        change_between_contacts=np.square(share[0] * deviations),
+        change_per_step=np.square(share[1] * deviations),
+    )

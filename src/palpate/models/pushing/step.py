@@ -1,0 +1,58 @@
+"""What a step of pushing brings besides its factors: contact geometry, the object's pose, and its first values."""
+
+from palpate.arrays import Array, Records
+from palpate.compiled import compiled, kernel
+from palpate.manifolds.se2_kernels import adjoint, between, position, rotation, wrap
+from palpate.models.generated import put_rotations
+from palpate.models.pushing.contact_geometry import Surface, put_touch
+
+
+@kernel
+def prepare_step(now: Records, surface: Surface) -> None:
+    """Write rotations and contact geometry, which several factors read."""
+    put_rotations(now)
+    put_touch(position(now.g), now.turn_g, surface, now.touch)
+
+
+@kernel
+def put_object(now: Records) -> None:
+    """Write the object's pose o = e g^-1."""
+    turn = rotation(now.e[2] - now.g[2])
+    place = position(now.e) - turn * position(now.g)
+    now.object[0] = place.real
+    now.object[1] = place.imag
+    now.object[2] = wrap(now.e[2] - now.g[2])
+
+
+@kernel
+def put_object_derivative(now: Records, jacobian: Array, first: int) -> None:
+    """Write the derivative of the object's pose by g and e, whose columns begin at `first`, to the first three rows.
+
+    A perturbation d of e moves o = e g^-1 by Ad_g d, one of g by -Ad_g d.
+    """
+    by_g = jacobian[:3, first : first + 3]
+    by_e = jacobian[:3, first + 3 : first + 6]
+    adjoint(now.g, by_e)
+    for r in range(3):
+        for c in range(3):
+            by_g[r, c] = -by_e[r, c]
+
+
+@compiled
+def begin_step(steps: Records) -> None:
+    """Begin the last of the steps (B, N), in which the measured sensor pose and the disturbance are set.
+
+    The sensor pose in the object is that of constant motion from the two steps before.
+    """
+    last = steps.shape[1] - 1
+    for b in range(len(steps)):
+        now = steps[b, last]
+        before = steps[b, last - 1]
+        now.turn_measured = rotation(now.measured[2])
+        now.moved = abs(position(now.measured) - position(before.measured))
+        now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
+        between(steps[b, max(last - 2, 0)].g, before.g, now.g)
+        ahead = position(before.g) + rotation(before.g[2]) * position(now.g)
+        now.g[0] = ahead.real
+        now.g[1] = ahead.imag
+        now.g[2] = wrap(before.g[2] + now.g[2])

@@ -1,0 +1,159 @@
+"""The window of one contact of a push: how it begins, what a step adds, and what moves the object besides the sensor."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.arrays import Array
+from palpate.config import Priors
+from palpate.estimation import window
+from palpate.estimation.rows import Indices
+from palpate.estimation.window import LAG
+from palpate.geometry import se2
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.compiled import PUSHING
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.measurements import Step, terms_of
+from palpate.models.pushing.own_measurements import OwnMeasurements
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.variables import TURN_OFFSET
+from palpate.types.measurements import OwnMeasurement, Turn
+
+_MODEL = PUSHING.model
+
+
+class PushingWindow(window.Window):
+    """A window whose rows are beliefs about an object that is pushed or rests."""
+
+    def belief(self) -> Belief:
+        """Return the beliefs about the object at the last step."""
+        pose = self._steps["object"][:, -1].copy()
+        values = self.rows["shared"][:, _MODEL.contact_size :].copy()
+        return Belief(pose, values, self.rows["covariance"].copy())
+
+
+class Window(PushingWindow):
+    """The graph of one contact over its last steps, in B hypotheses."""
+
+    def __init__(
+        self,
+        settings: NDArray[np.void],
+        model: ContactModel,
+        belief: Belief,
+        step: Step,
+        lag: int = LAG,
+        priors: Priors | None = None,
+        sign: Array | None = None,
+        own: OwnMeasurements | None = None,
+    ) -> None:
+        """Begin with the first step of a contact and B beliefs about the object.
+
+        `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
+        step as `priors` says, by default not at all.
+        """
+        self._model = model
+        drift = np.zeros(_MODEL.last_size)
+        if priors is not None:
+            drift[_MODEL.last_size - _MODEL.object_size :] = object_prior(priors).change_per_step
+        sign = np.ones(len(belief)) if sign is None else sign
+        steps, rows = begun(belief, step.sensor_pose, sign)
+        super().__init__(PUSHING, settings, model.surface, drift, steps, rows, lag, own or OwnMeasurements())
+        self._has_turn = False
+        self._solve_with(step, *terms_of(PUSHING, step, 0))
+
+    def add(self, step: Step, spread: ArrayLike = 0.0) -> None:
+        """Add the next step.
+
+        `spread` (B,) [m] is the standard deviation of the slide over the sensor by which something else may move the
+        object in this step. Raises EstimationError where no hypothesis has a solution.
+        """
+        arrived, own = terms_of(PUSHING, step, self._left + self._steps.shape[1])  # may raise
+        now = np.zeros((len(self.rows), 1), PUSHING.records.step)
+        now["e"] = step.sensor_pose
+        now["measured"] = step.sensor_pose
+        now["spread"][:, 0] = spread
+        self._append(now)
+        self._solve_with(step, arrived, own)
+
+    def _solve_with(self, step: Step, arrived: Array, own: list[tuple[int, OwnMeasurement]]) -> None:
+        """Take the terms and own measurements that arrive with the last step, and solve."""
+        self._join(arrived, own, step.times[-1])
+        self._begin_turns(step)
+        self._solve(np.ones(len(self.rows), np.bool_))
+
+    def _begin_turns(self, step: Step) -> None:
+        """Let the first turn of a contact determine the offset of its turns.
+
+        Far from the true offset, the robust kernel would leave a turn hardly any weight.
+        """
+        if self._has_turn:
+            return
+        for index, measurement in enumerate(step.measurements):
+            if isinstance(measurement, Turn):
+                self._has_turn = True
+                sign = self.rows["sign"] if index < step.from_touch else 1.0
+                offset = se2.wrap(self._steps["g"][:, -1, 2] - measurement.angle * sign)
+                self.rows["shared"][:, _MODEL.in_shared[TURN_OFFSET]] = offset[:, None]
+                return
+
+    def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
+        """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
+
+        `slide` (len(rows),) is the slide of the object over the sensor in all these steps, counter-clockwise along the
+        outline, and `spread` its standard deviation, both [m].
+        """
+        last = self._steps.shape[1]
+        first = max(last - steps, 1)
+        count = max(last - first, 1)
+        slide_of_step = slide[:, None] / count
+        disturbed = self._steps[rows, first:]
+        disturbed["slide"] = slide_of_step
+        disturbed["spread"] = spread / math.sqrt(count)
+        disturbed["cost"][..., 2] = 1.0
+        # Seen from the object, the sensor moves the other way.
+        back = -slide_of_step * np.arange(1.0, last - first + 1)
+        moved = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel())
+        disturbed["g"] = moved.reshape(*back.shape, 3)
+        self._steps[rows, first:] = disturbed
+        changing = np.zeros(len(self.rows), np.bool_)
+        changing[rows] = True
+        self._solve(changing)
+
+
+def begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """Return the first step (B, 1) and the rows (B,) of a window that begins with these beliefs.
+
+    The sensor pose is (3,), or (B, 3).
+    """
+    steps = np.zeros((len(belief), 1), PUSHING.records.step)
+    rows = np.zeros(len(belief), PUSHING.records.row)
+    steps["g"][:, 0] = se2.between(belief.pose, sensor_pose)
+    steps["e"][:, 0] = sensor_pose
+    steps["measured"][:, 0] = sensor_pose
+    steps["turn_measured"] = np.exp(1j * steps["measured"][..., 2])
+    of_contact = _MODEL.of("contact")
+    rows["shared"][:, : _MODEL.contact_size] = _MODEL.prior_mean(of_contact)
+    rows["shared"][:, _MODEL.contact_size :] = belief.values
+    rows["sign"] = sign
+    past = rows["past"]
+    for k, deviation in enumerate(_MODEL.prior_deviation(of_contact), start=_MODEL.step_size):
+        past["information"][:, k, k] = deviation**-2.0
+    past["g"] = steps["g"][:, 0]
+    past["e"] = steps["e"][:, 0]
+    past["shared"] = rows["shared"]
+    rows["first_pose"] = belief.pose
+    rows["first_turn"] = np.exp(1j * belief.pose[:, 2])
+    rows["first_values"] = belief.values
+    rows["first_root"] = _whitening(belief.covariance)
+    return steps, rows
+
+
+def _whitening(covariances: Array) -> Array:
+    """Return inverse Cholesky roots (B, N, N); NaN, which leaves no solution, where there is none."""
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariances)), np.float64)
+    except np.linalg.LinAlgError:
+        if len(covariances) == 1:
+            return np.full_like(covariances, np.nan)
+        return np.concatenate([_whitening(covariance[None]) for covariance in covariances])
