@@ -90,7 +90,9 @@ def values_at(model: ContactModel, g: ArrayLike, e: ArrayLike | None = None, sha
 
 
 @compiled
-def _linearise(steps: Array, rows: Array, terms: Array, kind: int, settings: Any, surface: Surface, out: Array) -> None:
+def _linearise(
+    steps: Array, rows: Array, terms: Array, kind: int, settings: Any, surface: Surface, corners: Array, out: Array
+) -> None:
     for b in range(len(steps)):
         for k in range(steps.shape[1]):
             now = steps[b, k]
@@ -101,9 +103,9 @@ def _linearise(steps: Array, rows: Array, terms: Array, kind: int, settings: Any
             steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings[0])
         last, before = steps[b, steps.shape[1] - 1], steps[b, steps.shape[1] - 2]
         if kind < STEP_FACTORS:
-            linearise_step(kind, before, last, rows[b], settings[0], surface, out[b, 0])
+            linearise_step(kind, before, last, rows[b], settings[0], out[b, 0])
         for t in range(len(terms)):
-            linearise_measured(kind, last, rows[b], terms[t], settings[0], surface, out[b, t])
+            linearise_measured(kind, last, rows[b], terms[t], settings[0], corners, out[b, t])
 
 
 DEFAULT = NoiseSettings()
@@ -127,7 +129,7 @@ def rows_of(
     terms = terms[terms[:, 1] == kind].view(TERM)[:, 0]
     at.steps["measured"][:, -1], at.steps["moved"][:, -1] = pose, moved
     out = np.zeros((len(at.rows), max(len(terms), int(kind < STEP_FACTORS))), LINEAR)
-    _linearise(at.steps, at.rows, terms, kind, settings, at.model.surface, out)
+    _linearise(at.steps, at.rows, terms, kind, settings, at.model.surface, at.model.corners, out)
     count = ROWS.get(name, 1)
     return Linear(*(out[field][:, :, :count] for field in ("residual", "jacobian", "information", "weight")))
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from palpate.arrays import Array, Integers, Records
 from palpate.compiled import kernel
+from palpate.estimation.eliminate import Elimination, elimination
 from palpate.estimation.factor import Role
 from palpate.estimation.model import Model
 from palpate.estimation.records import RecordTypes
@@ -31,6 +32,8 @@ class Functions(NamedTuple):
     """Number of all factors that steps have without a measurement."""
     factors: int
     """Number of all factors."""
+    elimination: Elimination
+    """Compiled elimination for these sizes."""
     roles: tuple[int, ...]
     """Role of each factor."""
     is_first: tuple[bool, ...]
@@ -61,9 +64,21 @@ class Functions(NamedTuple):
 
 Own = tuple[Integers, Array]
 """Steps (M,) of measurements with their own residual, and their rows, (B, M, R, 1 + last size) or those of one row."""
-Given = tuple[Records, Array, Any, Records]
-"""Settings (1,), variances by which numbers of the last step and shared variables change from step to step, the
-surfaces in contact, and room for computing (1,)."""
+
+
+class Given(NamedTuple):
+    """Inputs that stay the same for a window."""
+
+    settings: Records
+    """Settings that factors read, (1,)."""
+    drift: Array
+    """Variances by which numbers of the last step and shared variables change from step to step."""
+    surface: Any
+    """The surfaces in contact, from which steps are prepared."""
+    places: Array
+    """Table (K, C) in which factors look up what no formula gives."""
+    work: Records
+    """Room for computing, (1,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +113,7 @@ def functions_of(model: Model, **functions: Any) -> Functions:
         pairs=sum(factor.steps == "pair" for factor in model.factors),
         step_factors=sum(factor.steps is not None for factor in model.factors),
         factors=len(model.factors),
+        elimination=elimination(model.step_size, model.shared_size),
         roles=tuple(ROLES[factor.role] for factor in model.factors),
         is_first=tuple(factor.steps == "first" for factor in model.factors),
         is_compared=tuple(factor.is_compared for factor in model.factors),

@@ -60,7 +60,8 @@ class Factor:
     applies: Callable[..., Any] | None = None
     """Condition under which the factor has rows; by default always."""
     lookup: Callable[..., Any] | None = None
-    """Compiled function of a step and the surfaces in contact, for what no formula gives; returns the numbers `found`."""
+    """Compiled function of a step and the table of `Given.places`, for what no formula gives, such as the nearest of
+    several places; returns the numbers `found`. For factors of measurements."""
     found: tuple[str, ...] = ()
     """Names of the numbers that `lookup` returns, read as `known.NAME`."""
     is_compared: bool = True

@@ -11,14 +11,7 @@ from typing import Any
 from palpate.arrays import Array, Flags, Records
 from palpate.compiled import compiled, kernel
 from palpate.estimation.compiled_model import BELIEF, MEASUREMENT, PROCESS, Functions, Given, Own, copy_own
-from palpate.estimation.eliminate import (
-    eliminate,
-    eliminate_step,
-    inflate,
-    step_into_past,
-    substitute_back,
-    substitute_forward,
-)
+from palpate.estimation.eliminate import inflate
 from palpate.estimation.innovations import make_put_innovations, make_put_process_innovations, make_put_surprise
 
 CONVERGED = 5e-5
@@ -56,7 +49,7 @@ def make_improve(model: Functions, name: str) -> Callable[..., None]:
 
 
 def make_improve_row(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: take Gauss-Newton steps of one row; return True if it has not converged yet."""
+    """Return the compiled function of a model that takes Gauss-Newton steps of one row."""
     eliminate_steps = make_eliminate_steps(model)
     move = make_move(model)
     put_object_covariance = make_put_object_covariance(model)
@@ -75,21 +68,22 @@ def make_improve_row(model: Functions) -> Any:
         iterations: int,
     ) -> bool:
         """Take Gauss-Newton steps of one row; return True if it has not converged yet."""
-        settings, _drift, surface, work = given
+        surface = given.surface
+        work = given.work[0]
         is_changing = True
         for _ in range(iterations):
             for k in range(len(steps)):
                 model.prepare_step(steps[k], surface)
             is_found = eliminate_steps(steps, left, row, terms, own, given)
-            row.is_lost = not (is_found and move(steps, row, work[0].change))
+            row.is_lost = not (is_found and move(steps, row, work.change))
             is_changing = not row.is_lost and row.change >= CONVERGED
             if not is_changing:
                 break
         if not row.is_lost:
             model.prepare_step(steps[len(steps) - 1], surface)
-            model.prepare_last(steps, row, settings[0])
+            model.prepare_last(steps, row, given.settings[0])
             put_process_innovations(steps, row, given)
-            put_object_covariance(steps[len(steps) - 1], row, work[0])
+            put_object_covariance(steps[len(steps) - 1], row, work)
             put_innovations(steps, left, row, terms, own, given)
             put_surprise(steps, left, row)
         return is_changing
@@ -98,17 +92,16 @@ def make_improve_row(model: Functions) -> Any:
 
 
 def make_eliminate_steps(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
+    """Return the compiled function of a model that linearises all factors and eliminates all numbers."""
     begin_with_past = make_begin_with_past(model)
     write_next_past = make_write_next_past(model)
+    add = make_add(2 * model.step_size + model.shared_size)
 
     @kernel
     def eliminate_steps(steps: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> bool:
         """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
-        settings = given[0][0]
-        drift = given[1]
-        surface = given[2]
-        work = given[3][0]
+        settings = given.settings[0]
+        work = given.work[0]
         system = work.system
         gradient = work.gradient
         out = work.linear
@@ -123,34 +116,34 @@ def make_eliminate_steps(model: Functions) -> Any:
             now.cost_of_belief = 0.0
             model.prepare_process(steps, k, row, settings)
             if k > 0:
-                step_into_past(model.step_size, system, gradient)
+                model.elimination.move_into_past(system, gradient)
                 for kind in range(model.pairs):
-                    count = model.linearise_step(kind, before, now, row, settings, surface, out)
-                    _add(model.roles[kind], count, out, now, system, gradient)
+                    count = model.linearise_step(kind, before, now, row, settings, out)
+                    add(model.roles[kind], count, out, now, system, gradient)
             if k == 1:
-                write_next_past(now, row, drift, work)
+                write_next_past(now, row, given.drift, work)
             for kind in range(model.pairs, model.step_factors):
                 if left + k == 0 or not model.is_first[kind]:
-                    count = model.linearise_step(kind, before, now, row, settings, surface, out)
-                    _add(model.roles[kind], count, out, now, system, gradient)
+                    count = model.linearise_step(kind, before, now, row, settings, out)
+                    add(model.roles[kind], count, out, now, system, gradient)
             while t < len(terms) and terms[t].step == left + k:
                 kind = int(terms[t].kind)
-                count = model.linearise_measured(kind, now, row, terms[t], settings, surface, out)
-                _add(model.roles[kind], count, out, now, system, gradient)
+                count = model.linearise_measured(kind, now, row, terms[t], settings, given.places, out)
+                add(model.roles[kind], count, out, now, system, gradient)
                 t += 1
             for m in range(len(own[0])):
                 if own[0][m] == left + k:
                     count = copy_own(model.step_size, own[1][m], out)
-                    _add(MEASUREMENT, count, out, now, system, gradient)
-            if k > 0 and not eliminate_step(system, gradient, before.root, before.y):
+                    add(MEASUREMENT, count, out, now, system, gradient)
+            if k > 0 and not model.elimination.eliminate_step(system, gradient, before.root, before.y):
                 return False
-        return eliminate(model.step_size, system, gradient, row.last_root, row.last_y)
+        return model.elimination.eliminate_last(system, gradient, row.last_root, row.last_y)
 
     return eliminate_steps
 
 
 def make_begin_with_past(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: write what older steps say about the oldest one in the window and the shared variables."""
+    """Return the compiled function of a model that writes what steps that left the window say."""
 
     @kernel
     def begin_with_past(oldest: Records, row: Records, work: Records) -> None:
@@ -174,7 +167,7 @@ def make_begin_with_past(model: Functions) -> Any:
 
 
 def make_write_next_past(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: write what the oldest step will say about the second once it has left; all its factors are in the system."""
+    """Return the compiled function of a model that writes what the oldest step will say once it has left."""
 
     @kernel
     def write_next_past(second: Records, row: Records, drift: Array, work: Records) -> None:
@@ -186,7 +179,7 @@ def make_write_next_past(model: Functions) -> Any:
         past = row.next_past
         first = model.step_size
         size = model.step_size + model.shared_size
-        is_found = eliminate_step(system, gradient, work.next_root, work.next_y)
+        is_found = model.elimination.eliminate_step(system, gradient, work.next_root, work.next_y)
         model.copy_step(second, past)
         past.shared = row.shared
         for i in range(size):
@@ -200,40 +193,44 @@ def make_write_next_past(model: Functions) -> Any:
     return write_next_past
 
 
-@kernel
-def _add(role: int, count: int, out: Records, now: Records, system: Array, gradient: Array) -> None:
-    """Add the rows of a factor to the system and their costs to those of the step, and clear them.
+def make_add(width: int) -> Any:
+    """Return the compiled function that adds the rows of a factor to a system of this width."""
 
-    The cost is half the square of each row, reduced by its kernel. A Cauchy kernel of scale k gives a square s the
-    weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The costs of
-    several rows under one kernel add up to this.
-    """
-    width = len(gradient)
-    for r in range(count):
-        row = out.jacobian[r]
-        weight = out.weight[r]
-        residual = out.residual[r]
-        for i in range(width):
-            if row[i] != 0.0:
-                pull = weight * row[i]
-                gradient[i] -= pull * residual
-                for j in range(i, width):
-                    system[i, j] += pull * row[j]
-        row[:] = 0.0
-        square = out.information[r] * residual**2
-        if role == BELIEF:
-            now.cost_of_belief += 0.5 * square
-            continue
-        if not out.information[r] > 0.0:
-            continue
-        left = weight / out.information[r]
-        if left < _FULL_WEIGHT:
-            square *= -left / (1.0 - left) * math.log(left)
-        now.cost[1 if role == PROCESS else 0] += 0.5 * square
+    @kernel
+    def add(role: int, count: int, out: Records, now: Records, system: Array, gradient: Array) -> None:
+        """Add the rows of a factor to the system and their costs to those of the step, and clear them.
+
+        The cost is half the square of each row, reduced by its kernel. A Cauchy kernel of scale k gives a square s the
+        weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The costs of
+        several rows under one kernel add up to this.
+        """
+        for r in range(count):
+            row = out.jacobian[r]
+            weight = out.weight[r]
+            residual = out.residual[r]
+            for i in range(width):
+                if row[i] != 0.0:
+                    pull = weight * row[i]
+                    gradient[i] -= pull * residual
+                    for j in range(i, width):
+                        system[i, j] += pull * row[j]
+            row[:] = 0.0
+            square = out.information[r] * residual**2
+            if role == BELIEF:
+                now.cost_of_belief += 0.5 * square
+                continue
+            if not out.information[r] > 0.0:
+                continue
+            left = weight / out.information[r]
+            if left < _FULL_WEIGHT:
+                square *= -left / (1.0 - left) * math.log(left)
+            now.cost[1 if role == PROCESS else 0] += 0.5 * square
+
+    return add
 
 
 def make_move(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: move all values, newest step first; False if a change is not finite. `change` (width,) is room."""
+    """Return the compiled function of a model that moves all values."""
 
     @kernel
     def move(steps: Records, row: Records, change: Array) -> bool:
@@ -241,7 +238,7 @@ def make_move(model: Functions) -> Any:
         size = model.step_size
         largest = 0.0
         total = 0.0
-        substitute_back(size, row.last_root, row.last_y, change)
+        model.elimination.back_from_last(row.last_root, row.last_y, change)
         for i in range(model.shared_size):
             row.shared[i] += change[2 * size + i]
         for i in range(size + model.shared_size):
@@ -254,7 +251,7 @@ def make_move(model: Functions) -> Any:
                 largest = max(largest, abs(change[i]))
                 total += change[i]  # which is not finite if one of them is not
             if k > 0:
-                substitute_back(0, steps[k - 1].root, steps[k - 1].y, change)
+                model.elimination.back_from_step(steps[k - 1].root, steps[k - 1].y, change)
                 for i in range(size):
                     change[size + i] = change[i]
         row.change = largest
@@ -264,7 +261,7 @@ def make_move(model: Functions) -> Any:
 
 
 def make_put_object_covariance(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: write the joint covariance of the object's last pose and its variables."""
+    """Return the compiled function of a model that writes the covariance of the object."""
 
     @kernel
     def put_object_covariance(last: Records, row: Records, work: Records) -> None:
@@ -278,7 +275,7 @@ def make_put_object_covariance(model: Functions) -> Any:
             derivative = out.jacobian[i]
             if i >= 3:
                 derivative[width - size + i] = 1.0
-            substitute_forward(first, row.last_root, derivative)
+            model.elimination.forward_last(row.last_root, derivative)
             for j in range(i + 1):
                 product = 0.0
                 for k in range(first, width):

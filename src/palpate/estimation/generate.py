@@ -44,8 +44,8 @@ from palpate.manifolds.function_kernels import (
 from palpate.manifolds.se2_kernels import between, cauchy, exp_onto, log, rotation
 from palpate.estimation.whitening import whiten
 {lookups}'''
-STEP_ARGUMENTS = "before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records"
-MEASURED_ARGUMENTS = "now: Records, row: Records, term: Records, settings: Records, surface: Records, out: Records"
+STEP_ARGUMENTS = "before: Records, now: Records, row: Records, settings: Records, out: Records"
+MEASURED_ARGUMENTS = "now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records"
 
 
 class _Printer(PythonCodePrinter):
@@ -202,7 +202,7 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
     lines.append(f'    """{_summary(factor)}"""')
     if factor.lookup is not None:
         names = ", ".join(f"known_{name}" for name in factor.found)
-        lines.append(f"    {names} = {factor.lookup.__name__}(now, surface)")
+        lines.append(f"    {names} = {factor.lookup.__name__}(now, places)")
     if condition:
         lines.extend(code.loads(condition))
         lines.append(f"    if not {code.doprint(condition[0])}:")

@@ -5,7 +5,6 @@ from typing import Any
 from palpate.arrays import Records
 from palpate.compiled import kernel
 from palpate.estimation.compiled_model import Functions, Given, Own, copy_own
-from palpate.estimation.eliminate import substitute_forward
 
 JUDGED_STEPS = 5
 """Steps over which innovations are judged: more steps find no more disturbances."""
@@ -14,14 +13,13 @@ LEAST_PREDICTED = 1e-4
 
 
 def make_put_process_innovations(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: write the residuals of the factors of the last pair of steps once all is fused, in place of innovations."""
+    """Return the compiled function of a model that writes the innovations of the process."""
 
     @kernel
     def put_process_innovations(steps: Records, row: Records, given: Given) -> None:
         """Write the residuals of the factors of the last pair of steps once all is fused, in place of innovations."""
-        settings = given[0][0]
-        surface = given[2]
-        out = given[3][0].linear
+        settings = given.settings[0]
+        out = given.work[0].linear
         last = len(steps) - 1
         now = steps[last]
         row.innovations[: model.step_factors] = 0.0
@@ -29,7 +27,7 @@ def make_put_process_innovations(model: Functions) -> Any:
         if last == 0:
             return
         for kind in range(model.pairs):
-            count = model.linearise_step(kind, steps[last - 1], now, row, settings, surface, out)
+            count = model.linearise_step(kind, steps[last - 1], now, row, settings, out)
             for r in range(count):
                 if model.is_compared[kind]:
                     row.innovations[kind, r, 0] = out.residual[r]
@@ -41,26 +39,25 @@ def make_put_process_innovations(model: Functions) -> Any:
 
 
 def make_put_innovations(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: write the innovations of factors of the last step, of terms that arrived with it, and of own measurements."""
+    """Return the compiled function of a model that writes the innovations of measurements."""
     put_innovation = make_put_innovation(model)
 
     @kernel
     def put_innovations(steps: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> None:
         """Write the innovations of factors of the last step, of terms that arrived with it, and of own measurements."""
-        settings = given[0][0]
-        surface = given[2]
-        out = given[3][0].linear
+        settings = given.settings[0]
+        out = given.work[0].linear
         last = len(steps) - 1
         row.innovations[model.pairs :] = 0.0
         for kind in range(model.pairs, model.step_factors):
             if not model.is_first[kind]:
-                count = model.linearise_step(kind, steps[last], steps[last], row, settings, surface, out)
+                count = model.linearise_step(kind, steps[last], steps[last], row, settings, out)
                 put_innovation(kind, last, count, 0.0, steps, row, out)
         for t in range(len(terms)):
             if terms[t].arrived == left + last:
                 k = int(terms[t].step) - left
                 kind = int(terms[t].kind)
-                count = model.linearise_measured(kind, steps[k], row, terms[t], settings, surface, out)
+                count = model.linearise_measured(kind, steps[k], row, terms[t], settings, given.places, out)
                 put_innovation(kind, k, count, terms[t].variance, steps, row, out)
         for m in range(len(own[0])):
             if own[0][m] == left + last:
@@ -74,7 +71,7 @@ def make_put_innovations(model: Functions) -> Any:
 
 
 def make_put_innovation(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: write the innovations of the linearised rows of a factor of step k, and clear these."""
+    """Return the compiled function of a model that writes the innovations of one factor."""
 
     @kernel
     def put_innovation(
@@ -101,8 +98,8 @@ def make_put_innovation(model: Functions) -> Any:
                 for i in range(size):
                     jacobian[i] = jacobian[size + i]
                     jacobian[size + i] = 0.0
-                variance += substitute_forward(0, steps[j].root, jacobian)
-            variance += substitute_forward(size, row.last_root, jacobian)
+                variance += model.elimination.forward_step(steps[j].root, jacobian)
+            variance += model.elimination.forward_last(row.last_root, jacobian)
             jacobian[:] = 0.0
             share = 1.0 - variance * out.weight[r]
             innovation = row.innovations[kind, r]
@@ -116,7 +113,7 @@ def make_put_innovation(model: Functions) -> Any:
 
 
 def make_put_surprise(model: Functions) -> Any:
-    """Return the compiled function of a model that does this: write the mean squared innovations of the last steps; see `estimation.records.row_type`."""
+    """Return the compiled function of a model that judges the innovations of the last steps."""
 
     @kernel
     def put_surprise(steps: Records, left: int, row: Records) -> None:

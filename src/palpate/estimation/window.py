@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Array, Flags
 from palpate.errors import EstimationError
-from palpate.estimation.compiled_model import CompiledModel
+from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.rows import Indices
 from palpate.types.measurements import OwnMeasurement
 
@@ -49,6 +49,7 @@ class Window:
         compiled: CompiledModel,
         settings: NDArray[np.void],
         surface: Any,
+        places: Array,
         drift: Array,
         steps: NDArray[np.void],
         rows: NDArray[np.void],
@@ -61,7 +62,7 @@ class Window:
         the window these count as constant.
         """
         self._compiled = compiled
-        self._given = (settings, drift, surface, np.zeros(1, compiled.records.work))
+        self._given = Given(settings, drift, surface, places, np.zeros(1, compiled.records.work))
         self._lag = lag
         self._steps = steps
         self.rows: NDArray[np.void] = rows

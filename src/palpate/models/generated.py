@@ -24,10 +24,9 @@ import math
 
 from palpate.arrays import Array, Records
 from palpate.compiled import kernel
-from palpate.estimation.whitening import whiten
 from palpate.manifolds.function_kernels import (
-    bearing,
     beyond,
+    bearing,
     clamp,
     half_cotangent,
     half_cotangent_slope,
@@ -38,6 +37,7 @@ from palpate.manifolds.function_kernels import (
     wrap,
 )
 from palpate.manifolds.se2_kernels import between, cauchy, exp_onto, log, rotation
+from palpate.estimation.whitening import whiten
 from palpate.models.pushing.corner import nearest_corner
 
 
@@ -72,7 +72,7 @@ def put_rotations(now: Records) -> None:
 
 
 @kernel
-def sticking(before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records) -> int:
+def sticking(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return the slide along x and y of the object [m]."""
     if not (now.spread <= 0.0):
         return 0
@@ -130,7 +130,7 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, sur
 
 
 @kernel
-def balance(before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records) -> int:
+def balance(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `p x v - c^2 omega` [m^2]."""
     if not (now.spread <= 0.0):
         return 0
@@ -222,9 +222,7 @@ def balance(before: Records, now: Records, row: Records, settings: Records, surf
 
 
 @kernel
-def friction_cone(
-    before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records
-) -> int:
+def friction_cone(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return the distance of the motion v outside the cone [m], on the side on which the contact slides."""
     noise_share = settings.friction_cone.share
     if not (now.spread <= 0.0) and (noise_share < 1e300):
@@ -304,9 +302,7 @@ def friction_cone(
 
 
 @kernel
-def disturbed_slide(
-    before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records
-) -> int:
+def disturbed_slide(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return the slide along the outline, counter-clockwise, less the guessed one, and that across it [m]."""
     now_spread = now.spread
     if not (now_spread > 0.0):
@@ -411,9 +407,7 @@ def disturbed_slide(
 
 
 @kernel
-def disturbed_turn(
-    before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records
-) -> int:
+def disturbed_turn(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `-c^2 omega` [m^2], with the nominal c."""
     now_spread = now.spread
     if not (now_spread > 0.0):
@@ -433,7 +427,7 @@ def disturbed_turn(
 
 
 @kernel
-def first_pose(before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records) -> int:
+def first_pose(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `Log(believed^-1 e g^-1)` [m, m, rad], and the differences of the object's variables."""
     belief_cos = row.first_turn.real
     belief_sin = row.first_turn.imag
@@ -512,7 +506,7 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, s
 
 
 @kernel
-def sensor_pose(before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records) -> int:
+def sensor_pose(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `Log(measured^-1 e)` [m, m, rad]."""
     if not (now.is_resting < 0.5):
         return 0
@@ -558,7 +552,7 @@ def sensor_pose(before: Records, now: Records, row: Records, settings: Records, 
 
 
 @kernel
-def contact(before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records) -> int:
+def contact(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `gap + depth - scale extent` [m], positive if sensor and object are too far apart."""
     if not (now.is_resting < 0.5):
         return 0
@@ -613,7 +607,7 @@ def contact(before: Records, now: Records, row: Records, settings: Records, surf
 
 
 @kernel
-def direction(now: Records, row: Records, term: Records, settings: Records, surface: Records, out: Records) -> int:
+def direction(now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records) -> int:
     """Return `psi + scale sin(psi) + bias - angle` [rad], wrapped."""
     direction_scale = row.shared[3]
     now_g_cos = now.turn_g.real
@@ -654,7 +648,7 @@ def direction(now: Records, row: Records, term: Records, settings: Records, surf
 
 
 @kernel
-def place(now: Records, row: Records, term: Records, settings: Records, surface: Records, out: Records) -> int:
+def place(now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records) -> int:
     """Return `y of the material point + bias - place` [m]."""
     sign = row.sign if term.from_touch == 1.0 else 1.0
     t0 = settings.place.floor**2
@@ -671,7 +665,7 @@ def place(now: Records, row: Records, term: Records, settings: Records, surface:
 
 
 @kernel
-def turn(now: Records, row: Records, term: Records, settings: Records, surface: Records, out: Records) -> int:
+def turn(now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records) -> int:
     """Return `theta - offset - angle` [rad], wrapped, with theta the yaw of g."""
     sign = row.sign if term.from_touch == 1.0 else 1.0
     t0 = -term.data[0] * sign + now.g[2] - row.shared[0]
@@ -688,9 +682,9 @@ def turn(now: Records, row: Records, term: Records, settings: Records, surface: 
 
 
 @kernel
-def corner(now: Records, row: Records, term: Records, settings: Records, surface: Records, out: Records) -> int:
+def corner(now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records) -> int:
     """Return `psi - angle - slope (h - 45 deg) - bias` [rad], with psi within -h to h."""
-    known_cos, known_sin, known_half = nearest_corner(now, surface)
+    known_cos, known_sin, known_half = nearest_corner(now, places)
     if not (known_half > 0.0):
         return 0
     now_normal_x = now.touch.normal.real
@@ -720,7 +714,7 @@ def corner(now: Records, row: Records, term: Records, settings: Records, surface
 
 
 @kernel
-def object_pose(now: Records, row: Records, term: Records, settings: Records, surface: Records, out: Records) -> int:
+def object_pose(now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records) -> int:
     """Return `Log(measured^-1 e g^-1)` [m, m, rad], which the measurement's covariance whitens."""
     measured_cos = term.data[2]
     measured_sin = term.data[3]
@@ -781,42 +775,40 @@ def object_pose(now: Records, row: Records, term: Records, settings: Records, su
 
 
 @kernel
-def linearise_step(
-    kind: int, before: Records, now: Records, row: Records, settings: Records, surface: Records, out: Records
-) -> int:
+def linearise_step(kind: int, before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Write the linearised rows of the factor of this place, and return their number."""
     if kind == 0:
-        return sticking(before, now, row, settings, surface, out)
+        return sticking(before, now, row, settings, out)
     if kind == 1:
-        return balance(before, now, row, settings, surface, out)
+        return balance(before, now, row, settings, out)
     if kind == 2:
-        return friction_cone(before, now, row, settings, surface, out)
+        return friction_cone(before, now, row, settings, out)
     if kind == 3:
-        return disturbed_slide(before, now, row, settings, surface, out)
+        return disturbed_slide(before, now, row, settings, out)
     if kind == 4:
-        return disturbed_turn(before, now, row, settings, surface, out)
+        return disturbed_turn(before, now, row, settings, out)
     if kind == 5:
-        return first_pose(before, now, row, settings, surface, out)
+        return first_pose(before, now, row, settings, out)
     if kind == 6:
-        return sensor_pose(before, now, row, settings, surface, out)
+        return sensor_pose(before, now, row, settings, out)
     if kind == 7:
-        return contact(before, now, row, settings, surface, out)
+        return contact(before, now, row, settings, out)
     return 0
 
 
 @kernel
 def linearise_measured(
-    kind: int, now: Records, row: Records, term: Records, settings: Records, surface: Records, out: Records
+    kind: int, now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records
 ) -> int:
     """Write the linearised rows of the factor of this place, and return their number."""
     if kind == 8:
-        return direction(now, row, term, settings, surface, out)
+        return direction(now, row, term, settings, places, out)
     if kind == 9:
-        return place(now, row, term, settings, surface, out)
+        return place(now, row, term, settings, places, out)
     if kind == 10:
-        return turn(now, row, term, settings, surface, out)
+        return turn(now, row, term, settings, places, out)
     if kind == 11:
-        return corner(now, row, term, settings, surface, out)
+        return corner(now, row, term, settings, places, out)
     if kind == 12:
-        return object_pose(now, row, term, settings, surface, out)
+        return object_pose(now, row, term, settings, places, out)
     return 0

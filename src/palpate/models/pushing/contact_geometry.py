@@ -60,8 +60,6 @@ class Surface(NamedTuple):
     """Signed distance to the object's outline [m], object frame."""
     each: Records
     """Room for the CONTACT_GEOMETRY (n,) of each part."""
-    corners: Array
-    """`ContactModel.corners`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +91,7 @@ class ContactModel:
     def surface(self) -> Surface:
         """The same for compiled code."""
         each = np.empty(len(self.parts), CONTACT_GEOMETRY)
-        return Surface(self.parts, float(self.radius), self.field, each, self.corners)
+        return Surface(self.parts, float(self.radius), self.field, each)
 
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""

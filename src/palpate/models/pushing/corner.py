@@ -8,20 +8,22 @@ measured angle inside the cone speaks against them. Outlines without corners hav
 import math
 from typing import Any
 
-from palpate.arrays import Records
+from palpate.arrays import Array, Records
 from palpate.compiled import kernel
 from palpate.estimation.factor import Factor
 from palpate.manifolds.functions import Scalar, bearing, clamp
 from palpate.manifolds.planar import Pose, Vector
-from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE, Surface
+from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE
 from palpate.models.pushing.direction import variance
 from palpate.types.measurements import ContactCorner
 
 
 @kernel
-def nearest_corner(now: Records, surface: Surface) -> tuple[float, float, float]:
-    """Return cosine and sine of the bisector of the corner nearest to the contact, and h [rad]; -1 without corners."""
-    corners = surface.corners
+def nearest_corner(now: Records, corners: Array) -> tuple[float, float, float]:
+    """Return cosine and sine of the bisector of the corner nearest to the contact, and h [rad]; -1 without corners.
+
+    Corners (K, 4) are those of `ContactModel.corners`.
+    """
     nearest = -1
     least = math.inf
     for i in range(len(corners)):

@@ -44,7 +44,7 @@ class RestWindow(PushingWindow):
         pinned = _MODEL.in_step[SENSOR_IN_OBJECT]
         for k in range(pinned.start, pinned.stop):
             rows["past"]["information"][:, k, k] = _PINNED
-        super().__init__(PUSHING, settings, model.surface, np.zeros(LAST_SIZE), steps, rows, 1, own)
+        super().__init__(PUSHING, settings, model.surface, model.corners, np.zeros(LAST_SIZE), steps, rows, 1, own)
         self._join(*terms_of(PUSHING, step, 0), step.times[-1])
         self._solve(np.ones(len(rows), np.bool_))
         if self.rows["is_lost"].any():

@@ -58,7 +58,9 @@ class Window(PushingWindow):
             drift[_MODEL.last_size - _MODEL.object_size :] = object_prior(priors).change_per_step
         sign = np.ones(len(belief)) if sign is None else sign
         steps, rows = begun(belief, step.sensor_pose, sign)
-        super().__init__(PUSHING, settings, model.surface, drift, steps, rows, lag, own or OwnMeasurements())
+        super().__init__(
+            PUSHING, settings, model.surface, model.corners, drift, steps, rows, lag, own or OwnMeasurements()
+        )
         self._has_turn = False
         self._solve_with(step, *terms_of(PUSHING, step, 0))
 
