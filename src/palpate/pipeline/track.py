@@ -121,8 +121,10 @@ def track(
         summary["ended"] = f"{place}: {type(failure).__name__}: {one_line(failure)}"
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    is_learnt = settings.tactile == "learnt"
-    model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
+    if settings.tactile != "learnt":
+        model = None
+    elif model is None:
+        model = shipped_model(recording.sensor.name)
     run = Run(recording, settings, model, calibration, first, sigma, online, answers, step_ms, summary)
     if failure is not None and keep:
         keep(run)
