@@ -15,7 +15,7 @@ from palpate.arrays import Array
 from palpate.errors import FileError, SettingError
 from palpate.files import read_json
 from palpate.geometry.se2 import Sigmas
-from palpate.types.choices import SmootherName, TactileChoice
+from palpate.types.choices import DEFAULT_NOISE, SmootherName, TactileChoice, TrackerChoices
 from palpate.types.measurements import finite_numbers
 
 Normal = tuple[float, float]
@@ -209,17 +209,11 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True)
-class TrackerSettings:
+class TrackerSettings(TrackerChoices):
     """Settings of a `Tracker`; raises SettingError on a value that is not allowed."""
 
-    tactile: TactileChoice = "auto"
-    """Source of the touch measurements."""
-    smoother: SmootherName = "fixed-lag"
-    """Solver for the graph of a contact."""
     noise: NoiseSettings = NoiseSettings()
     """Noise of all factors."""
-    hypotheses: int = 9
-    """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
     disturbance_rate: float = 0.75
     """Rate at which something else moves the object while it is touched [1/s]. A higher rate finds more disturbances
     and calls more estimates `ambiguous`."""
@@ -256,7 +250,7 @@ def noise_of(name_or_path: Path | str) -> NoiseSettings:
     Raises SettingError if there is no such file, FileError on a bad one.
     """
     path, noise, groups = Path(name_or_path), NoiseSettings(), {}
-    if str(name_or_path) == "palpate":
+    if str(name_or_path) == DEFAULT_NOISE:
         return noise
     if not path.exists():
         raise SettingError(f"noise is {str(path)!r}; allowed are 'palpate' or a file of palpate tune")

@@ -19,10 +19,10 @@ from palpate.geometry.shapes import Shape
 from palpate.io.from_arrays import nanoseconds, planar_recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
-from palpate.types.choices import BagChoices
+from palpate.types.choices import DEFAULT_SENSOR, BagChoices
 from palpate.types.images import encode_image
 from palpate.types.recording import Recording
-from palpate.types.sensor import DIGIT, SensorProfile
+from palpate.types.sensor import SENSORS, SensorProfile
 from palpate.types.space import Placed, Plane, Times, onto_gel
 
 logger = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class _Source(NamedTuple):
 
 
 def read_bag(
-    path: Path | str, shape: Shape, choices: BagChoices | None = None, sensor: SensorProfile = DIGIT
+    path: Path | str, shape: Shape, choices: BagChoices | None = None, sensor: SensorProfile = SENSORS[DEFAULT_SENSOR]
 ) -> BagReading:
     """Read a bag as a recording of an object of this shape.
 
