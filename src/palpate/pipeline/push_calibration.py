@@ -27,6 +27,7 @@ from palpate.graph.contact_geometry import contact_model
 from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, OUTLINE_SCALE
 from palpate.graph.window import Window
+from palpate.io.recording import Recording
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 from palpate.touch.background import first_frames
@@ -37,7 +38,6 @@ from palpate.touch.press_calibration import LEFT_OR_RIGHT
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker import noise_of_unit
 from palpate.types.measurements import Measurement
-from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
 

@@ -14,6 +14,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse
 from palpate.graph.contact_geometry import contact_model
 from palpate.io import load_recording
+from palpate.io.recording import Recording, contact_flags
 from palpate.lab.parallel import spread
 from palpate.pipeline.first_release import release_after_start
 from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
@@ -21,7 +22,6 @@ from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibr
 from palpate.touch.contact_detector import touched
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import LEVELS, Difference, reduced
-from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
 Indices = NDArray[np.int_]
