@@ -120,7 +120,7 @@ class Estimator:
 
     def settings(self, tactile: TactileChoice) -> "palpate.TrackerSettings":
         """Return the settings of a tracker."""
-        from palpate.config import noise_of
+        from palpate.noise_file import noise_of
 
         return palpate.TrackerSettings(tactile, self.smoother, self.hypotheses, noise_of(self.noise))
 

@@ -6,7 +6,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from palpate.arrays import Image, Levels
-from palpate.config import CORNER_LOGIT, TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
@@ -14,6 +13,7 @@ from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import is_grey
 from palpate.touch.touch_model import (
     COLUMNS,
+    LEAST_CORNER_LOG_ODDS,
     ROWS,
     SHIPPED_OF,
     TouchModel,
@@ -22,6 +22,7 @@ from palpate.touch.touch_model import (
     reduced,
     shipped_model,
 )
+from palpate.types.choices import TactileChoice
 from palpate.types.measurements import ContactCorner, ContactDirection, ContactPlace, Frame, Measurement, Turn
 from palpate.types.sensor import SensorProfile
 
@@ -132,7 +133,7 @@ class TouchReader:
                 found.append(ContactPlace(mean, variance))
             elif name == "turn":
                 found.append(Turn(mean / scale, variance / scale**2))
-            elif more[1] > CORNER_LOGIT:
+            elif more[1] > LEAST_CORNER_LOG_ODDS:
                 found.append(ContactCorner(mean, variance, more[0]))
         return found
 

@@ -35,6 +35,8 @@ ROWS, COLUMNS = 32, 128
 """Size of a difference. Imprints of upright objects stand along the rows, and their yaw shows across the columns, down
 to the shading beside a corner's line of a millimetre: so columns are finer."""
 LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
+LEAST_CORNER_LOG_ODDS = 2.0
+"""Log odds of a corner from which its angle is a measurement."""
 
 OUTPUTS = (("direction", "turn", "corner"), ("direction", "turn", "place"), ("direction",))
 """Outputs of a model of a round tip, of a flat gel, and of one trained on presses."""
