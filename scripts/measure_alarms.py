@@ -54,7 +54,9 @@ def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
     for k, each in enumerate(found):
         if each.innovations is not None:
             error, predicted, stated = np.moveaxis(each.innovations, -1, 0)
-            for kind in (NAMES.index(name) for name in ("direction", "place", "turn")):  # a measurement is no better than the contact model
+            for kind in (
+                NAMES.index(name) for name in ("direction", "place", "turn")
+            ):  # a measurement is no better than the contact model
                 noise = getattr(settings.noise, NAMES[kind])
                 stated[kind, 0] = noise.share * max(stated[kind, 0], noise.floor**2) if stated[kind, 0] else 0.0
             surprise[k] = np.sum(error**2 / np.where(stated > 0.0, predicted + stated, np.inf), axis=1)

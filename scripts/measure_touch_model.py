@@ -16,7 +16,6 @@ import numpy as np
 from _common import write
 from numpy.typing import NDArray
 
-from palpate.config import CORNER_LOGIT
 from palpate.io import load_recording
 from palpate.lab.simulate.unit import draw_unit
 from palpate.lab.study.recordings import find_recordings
@@ -24,7 +23,7 @@ from palpate.lab.train.networks import TouchNetwork, restore
 from palpate.lab.train.samples import KINDS, Samples, read_samples
 from palpate.lab.train.scores import errors_of, judge
 from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE
-from palpate.touch.touch_model import shipped_model
+from palpate.touch.touch_model import LEAST_CORNER_LOG_ODDS, shipped_model
 
 Array = NDArray[np.float64]
 
@@ -52,7 +51,7 @@ def main(folder: Path) -> None:
     units = [re.findall(r"unit (\d+)", load_recording(file).source)[0] for file in files]
     pitch = np.array([draw_unit(sensor, int(unit)).pitch for unit in units])[samples.recording]
     shown = pitch / (sensor.pixel_pitch or 1.0) * sensor.shown  # share of the pad that an image shows
-    is_found, normal = corner[3] > CORNER_LOGIT, corner[0] + corner[2] * (samples.cone - HALF_RIGHT_ANGLE)
+    is_found, normal = corner[3] > LEAST_CORNER_LOG_ODDS, corner[0] + corner[2] * (samples.cone - HALF_RIGHT_ANGLE)
     at_corner = normal - np.arcsin(np.clip(np.sin(direction[0]) * shown, -1.0, 1.0))
     found |= {
         "turns_over_constant_model": {

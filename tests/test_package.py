@@ -18,6 +18,41 @@ def test_importing_palpate_imports_nothing_that_is_slow():
     assert {"numba", "scipy", "gtsam", "numpy", "palpate.tracker"}.isdisjoint(loaded)
 
 
+CHANGED_DEFAULTS = """
+from dataclasses import dataclass
+from palpate.types import choices
+
+@dataclass(frozen=True)
+class Changed(choices.TrackerChoices):
+    tactile: str = "none"
+    smoother: str = "batch"
+    hypotheses: int = 3
+
+@dataclass(frozen=True)
+class Moved(choices.Placement):
+    time_offset: float = 0.25
+    off_plane: float = 0.5
+
+choices.TrackerChoices = Changed
+choices.Placement = Moved
+
+from inspect import signature
+import palpate
+from palpate.cli.options import Estimator, Touch
+
+settings = palpate.TrackerSettings()
+assert (settings.tactile, settings.smoother, settings.hypotheses) == ("none", "batch", 3), settings
+assert Estimator().settings(Touch().tactile) == settings, "the command line has other defaults"
+arguments = signature(palpate.Recording.from_arrays).parameters
+assert (arguments["time_offset"].default, arguments["off_plane"].default) == (0.25, 0.5), arguments
+"""
+
+
+def test_python_and_the_command_line_have_one_source_of_defaults():
+    done = subprocess.run([sys.executable, "-c", CHANGED_DEFAULTS], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_every_public_name_is_there():
     package: Any = palpate
     assert {"Tracker", "TrackerSettings", "NoiseSettings", "Frame", "ObjectPose", "OwnMeasurement"} <= set(dir(package))

@@ -27,7 +27,7 @@ def settings(
     noise: NoiseSettings | None = None,
     **more: Any,
 ) -> TrackerSettings:
-    return TrackerSettings(tactile, smoother, noise or CALIBRATED, **more)
+    return TrackerSettings(tactile, smoother, noise=noise or CALIBRATED, **more)
 
 
 def track(name: str, seen: list[Frame], first: Array, how: TrackerSettings, radius: float = RADIUS):

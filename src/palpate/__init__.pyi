@@ -13,6 +13,7 @@ from .geometry.shapes import Rectangle as Rectangle
 from .geometry.shapes import Shape as Shape
 from .io import load_recording as load_recording
 from .io.outlines import load_shape as load_shape
+from .io.recording import Recording as Recording
 from .io.recording_mcap import read_recording as read_recording
 from .io.recording_mcap import write_recording as write_recording
 from .io.rosbag_recording import BagReading as BagReading
@@ -36,7 +37,6 @@ from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
 from .types.measurements import Turn as Turn
-from .types.recording import Recording as Recording
 from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI
 from .types.sensor import POINT as POINT

@@ -13,12 +13,19 @@ from palpate.errors import FileError, one_line
 NUMBERS = ("fiu", "numbers")
 FLAGS = ("b", "booleans")
 
-FARTHEST = 1e6  # [m, rad, s] beyond is damage: the planet is not much larger, and in 12 days a clock or a unit is wrong
-SPAN = 5.0  # [m] largest extent of a push; one of 10 mm in millimetres spans more
-TURNS = 4.0 * np.pi  # [rad] angles beyond are probably in degrees
-METRES = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}  # [m] of each unit of lengths, the likeliest first
+FARTHEST = 1e6
+"""Largest position or length [m], angle [rad] and duration of a recording [s] that is accepted. 1000 km and 12 days are
+more than any push has, so larger numbers come from a damaged file, or from a wrong unit or clock."""
+SPAN = 5.0
+"""Largest extent of a push [m]. One of 10 mm that is written in millimetres has more."""
+TURNS = 4.0 * np.pi
+"""Angle [rad] above which angles are probably in degrees: two turns."""
+METRES = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
+"""Length of each unit [m], the likeliest unit first."""
 _WORDS = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}
+"""Names of these units in errors."""
 _SECONDS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+"""Length of each unit of time [s]."""
 
 
 def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int | str, ...]) -> NDArray[Any]:

@@ -1,19 +1,18 @@
-"""Settings of the tracker: frozen dataclasses, one group a factor, with unit and reason under each field.
+"""Settings of the tracker: frozen dataclasses, one group for each factor, with unit and reason under each field.
 
-`NoiseSettings` can be kept in a JSON file, which `palpate tune` writes and `--noise FILE` reads.
+`palpate.noise_file` reads and writes `NoiseSettings` as a file.
 """
 
 from dataclasses import dataclass, fields, replace
 from numbers import Integral
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
-from palpate.errors import FileError, SettingError
-from palpate.files import read_json
+from palpate.arrays import Array
+from palpate.errors import SettingError
 from palpate.geometry.se2 import Sigmas
-from palpate.types.choices import SmootherName, TactileChoice
+from palpate.types.choices import SmootherName, TactileChoice, TrackerChoices
 from palpate.types.measurements import finite_numbers
 
 Normal = tuple[float, float]
@@ -22,17 +21,35 @@ Kernel = float | None
 """Scale of a Cauchy kernel [standard deviations]; None is a plain square."""
 
 
-def _checked(name: str, given: Any, kind: Any, zero_allowed: bool) -> float | tuple[float, ...] | None:
-    optional, shape = kind == Kernel, {Sigmas: (3,), Normal: (2,)}.get(kind, ())
-    if given is None and optional:
+_SHAPES: dict[Any, tuple[int, ...]] = {Sigmas: (3,), Normal: (2,)}
+"""Shapes of the settings that are more than one number, by type."""
+_NUMBERS = {Sigmas: "3 finite numbers", Normal: "a finite mean and a finite standard deviation"}
+"""Their words in an error."""
+
+
+def _checked_setting(name: str, given: Any, kind: Any, zero_allowed: bool) -> float | tuple[float, ...] | None:
+    """Return a setting as a float, or a tuple of floats; raises SettingError, which names it, on any other value."""
+    is_optional = kind == Kernel
+    if given is None and is_optional:
         return None
+    shape = _SHAPES.get(kind, ())
     numbers = None if isinstance(given, bool) else finite_numbers(given, shape)
-    least = np.inf if numbers is None else numbers[1:] if kind == Normal else numbers
-    if numbers is None or not np.all(least >= 0.0 if zero_allowed else least > 0.0):
-        limit = f"{'at least' if zero_allowed else 'above'} 0{', or None' if optional else ''}"
-        counts = {Sigmas: "3 finite numbers", Normal: "a finite mean and a finite standard deviation"}
-        raise SettingError(f"{name} is {given!r}; it must be {counts.get(kind, 'a finite number')} {limit}")
-    return tuple(numbers.tolist()) if shape else float(numbers)
+    if numbers is None or not _is_in_range(numbers, kind, zero_allowed):
+        limit = "at least 0" if zero_allowed else "above 0"
+        or_none = ", or None" if is_optional else ""
+        allowed = f"{_NUMBERS.get(kind, 'a finite number')} {limit}{or_none}"
+        raise SettingError(f"{name} is {given!r}; it must be {allowed}")
+    if shape:
+        return tuple(numbers.tolist())
+    return float(numbers)
+
+
+def _is_in_range(numbers: Array, kind: Any, zero_allowed: bool) -> bool:
+    """Return true if all standard deviations, shares or scales are above 0, or 0 where that is allowed."""
+    positive = numbers[1:] if kind == Normal else numbers  # a mean may have any sign
+    if zero_allowed:
+        return bool(np.all(positive >= 0.0))
+    return bool(np.all(positive > 0.0))
 
 
 @dataclass(frozen=True)
@@ -74,7 +91,8 @@ class TouchSettings:
 
     zero_allowed = ("floor",)
     share: float = 2.0
-    """Factor on the variance that the touch model predicts, without the bias and scale that all directions share."""
+    """Factor on the variance that the touch model predicts. The errors that all directions of a unit have in common,
+    bias and scale, are variables instead; see `Priors`."""
     floor: float = 0.0
     """Least standard deviation of a measurement [rad], of a place [m]: the error of the contact model itself."""
     kernel: Kernel = 3.0
@@ -89,15 +107,16 @@ class StickingSettings:
     still: float = 2e-5
     """Sliding in a step without sensor motion [m]."""
     share: float = 0.06
-    """Sliding as a share of the sensor's motion, inside the cone: one simulated contact in hundreds creeps so much."""
+    """Sliding inside the friction cone, as a share of the sensor's motion. In simulation, one contact in some hundreds
+    slides as much while it should stick."""
     sliding_share: float = 2.0
-    """The same at the cone's edge: slides are long and one-sided, so only a large value leaves them free."""
+    """The same at the cone's edge. A slide goes on in one direction for many steps, so only a large value allows it."""
     margin: float = 0.04
-    """Angle inside the cone's edge from which the contact sticks [rad]."""
+    """Distance of the force's direction from the cone's edge at which the contact begins to stick [rad]."""
     width: float = 0.03
     """A third of the angle over which sticking turns into sliding [rad]."""
     kernel: Kernel = 2.0
-    """Scale of the Cauchy kernel on both rows together [standard deviations]."""
+    """Scale of the Cauchy kernel on the norm of both components of the sliding [standard deviations]."""
 
 
 @dataclass(frozen=True)
@@ -108,9 +127,10 @@ class BalanceSettings:
     still: float = 2e-7
     """Imbalance in a step without sensor motion [m^2]."""
     share: float = 0.013
-    """Imbalance as a share of the sensor's motion times c: the ellipsoid fits simulated supports to 1 %."""
+    """Imbalance as a share of the sensor's motion times the friction radius c. An ellipsoid fits the limit surfaces of
+    simulated supports to 1 %."""
     load: float = 0.8
-    """Error of the load's place on several tips, as a share of the distance between the outermost."""
+    """Error of the place of the load on several tips, as a share of the distance between the outermost tips."""
     kernel: Kernel = 2.0
     """Scale of the Cauchy kernel [standard deviations]; a disturbance breaks the balance."""
 
@@ -125,7 +145,7 @@ class FrictionConeSettings:
     share: float | None = 0.2
     """Motion outside the cone as a share of the sensor's motion; None turns the factor off."""
     width: float = 0.03
-    """A third of the angle over which the edge begins to count [rad]."""
+    """A third of the angle over which the factor's weight rises from none to full at the cone's edge [rad]."""
     kernel: Kernel = 2.0
     """Scale of the Cauchy kernel [standard deviations]; a disturbance breaks the cone."""
 
@@ -144,20 +164,21 @@ class Priors:
     place_bias: Normal = (0.0, 1.2e-3)
     """Constant error of all contact places [m]."""
     depth: Normal = (3e-4, 4e-4)
-    """Indentation of the gel, with all constant errors of outline and mounting along the push [m]."""
+    """Indentation of the gel, plus all constant errors of outline and mounting along the push [m]."""
     outline_scale: Normal = (0.0, 0.007)
     """Relative size error of the outline."""
     friction_ratio: Normal = (0.2, 0.66)
-    """Logarithm of c^2 over its value for an even pressure on the table; with the pressure at the rim it is 0.8."""
+    """Logarithm of the ratio of c^2, the square of the friction radius, to its value for an even pressure on the table.
+    With all pressure at the rim it is 0.8."""
     friction_center: Normal = (0.0, 0.06)
     """Centre of friction from the centroid along x and along y, as a share of c."""
     grip: Normal = (-1.05, 0.4)
-    """Logarithm of Coulomb friction between sensor and object: the coefficient is 0.35, times or by 1.5."""
+    """Logarithm of the coefficient of Coulomb friction between sensor and object: 0.35, within a factor of 1.5."""
 
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """Standard deviations, shares and kernels of all factors, a group each; see the classes of the groups.
+    """Standard deviations, shares and kernels, a group for each factor; see the classes of the groups.
 
     Numbers become floats. Defaults for touch and sliding are tuned by `palpate tune` on simulated recordings.
     """
@@ -166,11 +187,11 @@ class NoiseSettings:
     first_pose: FirstPoseSettings = FirstPoseSettings()
     contact: ContactSettings = ContactSettings()
     direction: TouchSettings = TouchSettings(floor=0.035)
-    """Errors of pushing are alike from frame to frame, so that nearly exact directions, taken as they are, would
-    override it and raise false alarms. The floor is 2 degrees."""
+    """The errors of the pushing model last from frame to frame. Directions with a smaller deviation than the floor of
+    2 degrees would override pushing, and raise false alarms."""
     place: TouchSettings = TouchSettings()
     turn: TouchSettings = TouchSettings(share=88.0)
-    """On round objects turns are some percent off for a whole contact, and these errors add up."""
+    """On round objects turns have errors of some percent that last a whole contact, so that they add up."""
     corner: TouchSettings = TouchSettings()
     sticking: StickingSettings = StickingSettings()
     balance: BalanceSettings = BalanceSettings()
@@ -179,90 +200,80 @@ class NoiseSettings:
 
     def __post_init__(self) -> None:
         for group in fields(self):
-            settings, checked = getattr(self, group.name), {}
-            if not isinstance(settings, kind := type(group.default)):
+            settings = getattr(self, group.name)
+            kind = type(group.default)
+            if not isinstance(settings, kind):
                 raise SettingError(f"{group.name} is {settings!r}; it must be palpate.config.{kind.__name__}")
-            for each in fields(settings):
-                given, zero_allowed = getattr(settings, each.name), each.name in getattr(settings, "zero_allowed", ())
-                checked[each.name] = _checked(f"{group.name}.{each.name}", given, each.type, zero_allowed)
+            zero_allowed = getattr(settings, "zero_allowed", ())
+            checked = {}
+            for setting in fields(settings):
+                name = f"{group.name}.{setting.name}"
+                given = getattr(settings, setting.name)
+                checked[setting.name] = _checked_setting(name, given, setting.type, setting.name in zero_allowed)
             object.__setattr__(self, group.name, replace(settings, **checked))
 
 
 @dataclass(frozen=True)
-class TrackerSettings:
+class ContactDetection:
+    """Limits from which an image shows a touch. They are no settings; all of `palpate.touch` uses them."""
+
+    significant: float = 4.0
+    """Deviation of a touched cell from the untouched gel [standard deviations], as in the paper."""
+    least_deviation: float = 1.0
+    """Least standard deviation of a cell [grey levels]; 4 of it are above the steps, up to 3, of JPEG at quality 75."""
+    start: float = 0.01
+    """Share of an image's values that are significant from which a touch starts: the paper's for its smallest contacts.
+    Noise alone makes 6e-5 of them (normal distribution beyond 4 standard deviations), and 1.3e-3 while the deviation is
+    known from 15 frames (Student's). One percent is the area of 12 of 1200 cells, 4 mm^2 of a DIGIT's pad."""
+    end: float = 0.005
+    """The share at which a touch ends: half, so that a faint one does not flicker, and still well above noise."""
+
+
+CONTACT_DETECTION = ContactDetection()
+
+
+@dataclass(frozen=True)
+class TrackerSettings(TrackerChoices):
     """Settings of a `Tracker`; raises SettingError on a value that is not allowed."""
 
-    tactile: TactileChoice = "auto"
-    """Source of the touch measurements."""
-    smoother: SmootherName = "fixed-lag"
-    """Solver for the graph of a contact."""
     noise: NoiseSettings = NoiseSettings()
     """Noise of all factors."""
-    hypotheses: int = 9
-    """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
     disturbance_rate: float = 0.75
-    """Rate at which something else moves the object while it is touched [1/s]. A higher rate finds more disturbances
-    and calls more estimates `ambiguous`."""
+    """Rate at which something else than the sensor moves the object while it is touched [1/s]. With a higher rate more
+    disturbances are found, and more estimates are `ambiguous`."""
     tolerance: tuple[float, float] = (0.01, 0.105)
     """Largest error of position [m] and yaw [rad] of a pose that is good enough, at two standard deviations: a worse
     one is `uncertain`, and one with a likely alternative beyond it `ambiguous`. The default is 10 mm and 6 degrees,
     as an object placed by hand has. The yaw of a round object does not count."""
 
     def __post_init__(self) -> None:
-        for name, allowed in (("tactile", get_args(TactileChoice)), ("smoother", get_args(SmootherName))):
-            if (found := getattr(self, name)) not in allowed:
-                raise SettingError(f"{name} is {found!r}; allowed are {', '.join(allowed)}")
+        _check_choice("tactile", self.tactile, get_args(TactileChoice))
+        _check_choice("smoother", self.smoother, get_args(SmootherName))
         if not isinstance(self.noise, NoiseSettings):
             raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
-        for name, most, allowed in (
-            ("disturbance_rate", 10.0, "a rate above 0, up to 10/s"),
-            ("tolerance", (1.0, np.pi), "a length above 0, up to 1 m, and an angle [rad] above 0, up to pi"),
-        ):
-            numbers = finite_numbers(given := getattr(self, name), np.shape(most))
-            if numbers is None or isinstance(given, bool) or not ((numbers > 0.0) & (numbers <= most)).all():
-                raise SettingError(f"{name} is {given!r}; allowed are {allowed}")
+        _check_positive("disturbance_rate", self.disturbance_rate, 10.0, "a rate above 0, up to 10/s")
+        tolerances = "a length above 0, up to 1 m, and an angle [rad] above 0, up to pi"
+        _check_positive("tolerance", self.tolerance, (1.0, np.pi), tolerances)
         if not isinstance(self.hypotheses, Integral) or isinstance(self.hypotheses, bool) or self.hypotheses < 1:
             raise SettingError(f"hypotheses is {self.hypotheses!r}; allowed is a whole number from 1 on")
         # NumPy's numbers cannot be written as JSON.
         object.__setattr__(self, "hypotheses", int(self.hypotheses))
 
 
-FORMAT, VERSION = "palpate-noise", 4
+def _check_choice(name: str, given: object, allowed: tuple[str, ...]) -> None:
+    """Raise SettingError unless a setting is one of the allowed words."""
+    if given not in allowed:
+        raise SettingError(f"{name} is {given!r}; allowed are {', '.join(allowed)}")
 
 
-def noise_of(name_or_path: Path | str) -> NoiseSettings:
-    """Return the settings in a file, missing ones with their defaults; "palpate" is the defaults.
-
-    Raises SettingError if there is no such file, FileError on a bad one.
-    """
-    path, noise, groups = Path(name_or_path), NoiseSettings(), {}
-    if str(name_or_path) == "palpate":
-        return noise
-    if not path.exists():
-        raise SettingError(f"noise is {str(path)!r}; allowed are 'palpate' or a file of palpate tune")
-    content = read_json(path)
-    if (found := (content.get("format"), content.get("version"))) != (FORMAT, VERSION):
-        expected = f"expected {(FORMAT, VERSION)}; make the file anew with palpate tune"
-        raise FileError(f"{path}: format and version are {found}, {expected}")
-    try:
-        for group, values in _known("noise", content.get("noise"), noise).items():
-            settings = getattr(noise, group)
-            groups[group] = replace(settings, **_known(f"noise {group}", values, settings))
-        return replace(noise, **groups)
-    except SettingError as error:
-        raise FileError(f"{path}: {error}") from error
+def _check_positive(name: str, given: object, most: float | tuple[float, ...], allowed: str) -> None:
+    """Raise SettingError unless a setting is a number, or numbers, above 0 and up to `most`."""
+    numbers = None if isinstance(given, bool) else finite_numbers(given, np.shape(most))
+    if numbers is None or not ((numbers > 0.0) & (numbers <= most)).all():
+        raise SettingError(f"{name} is {given!r}; allowed are {allowed}")
 
 
-def _known(name: str, given: Any, settings: Any) -> dict[str, Any]:
-    if not isinstance(given, dict):
-        raise SettingError(f"{name} is {given!r}, expected an object of settings")
-    known = [field.name for field in fields(settings)]
-    if unknown := [one for one in given if one not in known]:
-        raise SettingError(f"{name} has no {unknown[0]!r}; known are {', '.join(known)}")
-    return given
-
-
-# Numbers of the graph, of its tests and of hypotheses, which nobody sets.
+# Numbers of window, factors, alarms and hypotheses that are no settings.
 
 ALARMS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
 """Mean squares of innovations in these steps [variances] from which something else may have moved the object.
@@ -297,19 +308,3 @@ SLOW = 1.5  # nominal intervals between frames in the mean, from which a stream 
 HIDDEN = 2e-3  # [m] of motion that may hide behind a pose that repeats and does no harm
 SUDDEN = 0.5  # share of its speed from which a robot does not stop at once: its pose is frozen
 SIDEWAYS = 1.22  # [rad] 70 degrees from the sensor's x axis, from which a push is sideways
-
-# Limits of what touch images show.
-SIGNIFICANT = 4.0  # standard deviations by which a touched cell is off the untouched gel, as in the paper
-LEAST_DEVIATION = 1.0  # [grey levels] of a cell; 4 of it are above the steps, up to 3, of JPEG at quality 75
-START = 0.01  # share of significant values from which the gel is touched: the paper's for its smallest contacts
-"""Noise alone makes 6e-5 of them (normal distribution beyond 4 standard deviations), and 1.3e-3 while the deviation is
-known from 15 frames (Student's). One percent is the area of 12 of 1200 cells, 4 mm^2 of a DIGIT's pad."""
-MOST = 0.5  # share of a change from which it is thin lines, a scratch, and of an image from which a change is noise
-NO_GEL = 0.8  # share of significant values from which no gel is seen: touches make up to 0.7
-NO_GEL_IN_DOUBT = 0.6  # the same while a calibration may be of another unit, which mostly makes more
-UNLIKE = 8.0  # [grey levels] between cells of images that do not show one gel at rest: 12 miss how a contact begins
-DARKER = 12.0  # [grey levels] of markers below the gel around them: with 8 real gels without any have some
-MEMORY, EVERY = 90, 5  # images over which the background follows the light, 3 s at 30 Hz; one in five is used
-LIGHT = 3.0  # factor by which the light may change either way while the gel still shows
-CORNER_LOGIT = 2.0  # log odds of a corner from which its angle is a measurement
-FITS, SETTLED = 8, 1e-3  # most fits of the light, and its change, a quarter of a grey level, that ends them

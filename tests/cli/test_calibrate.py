@@ -92,6 +92,7 @@ def test_untouched_images_are_a_calibration(json_of):
         (("--untouched", "320-0.png", "--sensor", "gelsight-mini"), "320-0.png: found 320 rows and 240 columns"),
         (("--untouched", "320-0.png", "--sensor", "point"), "320-0.png: is an image, and the sensor has none"),
         (("--untouched", "320-0.png", "other.png"), "other.png: shows a touch, or another gel than the first image"),
+        (("--pushes", "rest.mcap"), "no touch model comes with palpate for sensor 'small'; give one"),
         (("--pushes", "rest.mcap", "rest.mcap", "disc.mcap"), "the recordings are of several sensors, point, small"),
         (("--untouched", "320-0.png", "--ruler", "8mm"), "found '8mm'; expected words such as 8mm caliper.png"),
         ((), "give either a recording or --untouched images"),
@@ -152,6 +153,18 @@ def test_other_calibration_files_are_refused_in_one_sentence(fields, message):
     with pytest.raises(palpate.FileError, match=message) as error:
         palpate.load_calibration("unit.npz")
     assert str(error.value).startswith("unit.npz: ") and "\n" not in str(error.value)
+
+
+def test_images_of_an_own_sensor_are_read_by_no_model_until_one_is_given(json_of, fails):
+    recorded()
+    start = ("--first-pose", -0.08, 0.0, 0.0)
+    told = json_of("track", "rest.mcap", *start)
+    assert (
+        told["tactile"] == "none" and "no touch model comes with palpate for sensor 'small'" in told["tactile_reason"]
+    )
+    assert "for sensor 'small'; give one" in fails("track", "rest.mcap", *start, "--tactile", "learnt", "--force")
+    other = fails("track", "rest.mcap", *start, "--tactile", "learnt", "--model", "digit", "--force")
+    assert "sensor 'small' has images of 48 x 32 px, and the touch model is of 'DIGIT'" in other
 
 
 def test_pushes_show_a_robot(json_of, fails, succeeds):

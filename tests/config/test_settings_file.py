@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from palpate import FileError, NoiseSettings, SettingError
-from palpate.config import VERSION, noise_of
-from palpate.lab.tune.tuning import write_noise
+from palpate.noise_file import VERSION, noise_of, write_noise
 
 NOISE = NoiseSettings()
 CHANGED = replace(

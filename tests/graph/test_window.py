@@ -9,7 +9,7 @@ from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scal
 from palpate import ContactDirection, EstimationError, ObjectPose, Turn
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
-from palpate.models.pushing.layout import IN_SHARED, NAMES
+from palpate.models.pushing.layout import IN_SHARED
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import DIRECTION_BIAS, DIRECTION_SCALE

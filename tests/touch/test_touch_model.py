@@ -29,7 +29,6 @@ from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import (
     COLUMNS,
     ROWS,
-    SHIPPED,
     SHIPPED_OF,
     Reading,
     Spread,
@@ -44,8 +43,8 @@ def changed(tmp_path):
     """Return a function that writes the shipped model with changes and a right hash."""
 
     def change(network: bytes | None = None, **settings: object):
-        network = (SHIPPED / "touch.onnx").read_bytes() if network is None else network
-        written = json.loads((SHIPPED / "model.json").read_text())
+        network = (SHIPPED_OF["DIGIT"] / "touch.onnx").read_bytes() if network is None else network
+        written = json.loads((SHIPPED_OF["DIGIT"] / "model.json").read_text())
         written["settings"] |= settings
         written["hash"] = fingerprint(written["settings"], network)
         (tmp_path / "model.json").write_text(json.dumps(written))
@@ -115,7 +114,7 @@ def test_another_network_is_refused(changed, network):
 
 def test_a_network_that_keeps_its_numbers_elsewhere_is_refused(changed, tmp_path):
     onnx = pytest.importorskip("onnx")
-    network = onnx.load_from_string((SHIPPED / "touch.onnx").read_bytes())
+    network = onnx.load_from_string((SHIPPED_OF["DIGIT"] / "touch.onnx").read_bytes())
     onnx.external_data_helper.convert_model_to_external_data(network, location="other.bin", size_threshold=0)
     onnx.save(network, str(tmp_path / "elsewhere.onnx"))
     with pytest.raises(FileError, match=r"touch\.onnx: keeps its numbers in another file"):
@@ -146,7 +145,8 @@ class StandIn(TouchModel):
     """Model that reads the level of a patch: 100 + k grey levels are k hundredths of everything."""
 
     def __init__(self, *outputs: str, log_odds: float = 3.0) -> None:
-        self.folder, self.log_odds = SHIPPED, log_odds
+        self.folder = SHIPPED_OF["DIGIT"]
+        self.log_odds = log_odds
         spread = {name: Spread(2.0, 3.0) if name == "direction" else Spread(0.5, 4.0) for name in outputs}
         settings: Any = SimpleNamespace(sensor="DIGIT", image_height=320, image_width=240, spread=spread)
         self.settings = settings
@@ -253,6 +253,43 @@ def test_the_oracle_measures_the_true_turn():
     assert not TouchReader("none", POINT).read(Frame(0.0, pose, contact=True, object_pose=truth), None)
 
 
+# Sensors of one's own
+
+FINGER = palpate.SensorProfile("my finger", radius=0.015, half_width=0.008, image_height=320, image_width=240)
+COLOURED = Background(np.full((320, 240, 3), (90.0, 120.0, 150.0), np.float32), np.zeros((40, 30, 3), np.float32))
+COLOURED_IMAGE = COLOURED.mean.astype(np.uint8)
+
+
+def test_images_of_an_own_sensor_are_not_read_by_the_model_of_another_one():
+    touch = TouchReader("auto", FINGER)
+    touch.choose(COLOURED_IMAGE, COLOURED)
+    assert (touch.tactile, touch.reads_images) == ("none", False)
+    assert "'my finger'" in touch.reason and "--model" in touch.reason and "palpate train" in touch.reason
+    with pytest.raises(palpate.SettingError, match=r"tactile is learnt; .*'my finger'.*--model MODEL.*palpate train"):
+        palpate.Tracker(palpate.Disc(0.05), FINGER, np.zeros(3), palpate.TrackerSettings("learnt"))
+    with pytest.raises(palpate.SettingError, match="'my finger'"):
+        shipped_model("my finger")
+
+
+@pytest.mark.parametrize("tactile", ["auto", "learnt"])
+def test_a_model_that_is_asked_for_by_name_reads_an_own_sensor_and_needs_its_colours(tactile: Any):
+    touch = TouchReader(tactile, FINGER, palpate.TouchModel("digit"))
+    touch.choose(COLOURED_IMAGE, COLOURED)
+    assert touch.tactile == "learnt" and touch.needs_colours
+    assert touch.read(Frame(0.0, np.zeros(3), image=COLOURED_IMAGE), COLOURED)
+
+
+def test_a_changed_profile_keeps_the_model_of_its_name_as_long_as_the_images_fit():
+    for sensor, tactile in (
+        (replace(palpate.DIGIT, rate=60.0, pixel_pitch=5e-5), "learnt"),
+        (replace(palpate.DIGIT, image_height=640, image_width=480), "none"),
+        (replace(palpate.DIGIT, name="left DIGIT"), "none"),
+    ):
+        touch = TouchReader("auto", sensor)
+        touch.choose(COLOURED_IMAGE, COLOURED)
+        assert touch.tactile == tactile, sensor
+
+
 def test_bad_input_is_named():
     with pytest.raises(palpate.EstimationError, match=r"frame at 0\.100 s has no image"):
         reader().read(Frame(0.1, np.zeros(3)), None)
@@ -280,7 +317,6 @@ def mini_readings(shape: Any, front: float, tilt: float, y: float, depth: float)
 
 
 def test_the_model_of_the_mini_is_chosen_by_its_name_and_reads_places_and_tilts():
-    assert shipped_model("my finger").folder == SHIPPED
     chosen = TouchReader("auto", GELSIGHT_MINI)
     bare = MINIS[0].no_contact
     chosen.choose(bare, Background(bare.astype(np.float32), np.zeros((30, 40, 3), np.float32)))

@@ -1,6 +1,7 @@
 """The tracker on simulated touch images: contact from what they show, and the model that comes with palpate."""
 
 import dataclasses
+import shutil
 from typing import Any
 
 import numpy as np
@@ -179,7 +180,7 @@ def test_what_learnt_touch_needs(recording):
         tracker.update(frame)
 
 
-def test_learnt_touch_that_is_asked_for_takes_no_grey_images_but_by_a_model_of_ones_own(recording, learnt):
+def test_learnt_touch_that_is_asked_for_takes_no_grey_images_but_by_a_model_of_ones_own(recording, learnt, tmp_path):
     grey = np.repeat(recording[0].image[..., :1], 3, axis=2)
     frame = dataclasses.replace(recording[0], image=grey)
     tracker = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"))
@@ -187,5 +188,7 @@ def test_learnt_touch_that_is_asked_for_takes_no_grey_images_but_by_a_model_of_o
         with pytest.raises(FrameError, match=r"frame at 0\.000 s: images are grey, and the touch model reads colours"):
             tracker.update(frame)
     assert tracker.update(recording[0]).status == "resting"
-    own = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"), learnt.model)
+    shutil.copytree(learnt.model.folder, tmp_path / "model")
+    model = palpate.TouchModel(tmp_path / "model")
+    own = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"), model)
     assert own.update(frame).status == "resting"

@@ -1,7 +1,8 @@
 """Options that several commands share: one frozen dataclass a group of the help.
 
 A command takes these groups as parameters (`start: Start = Start()`); tyro makes the options from their fields and the
-help from the docstrings. Nothing heavy is imported before a method is called, so that `--help` stays fast.
+help from the docstrings. Nothing heavy is imported before a method is called, so that `--help` stays fast. Defaults
+that Python has too are in `palpate.types.choices`.
 """
 
 from dataclasses import dataclass, field
@@ -12,13 +13,21 @@ import tyro
 
 import palpate
 from palpate.errors import SettingError
-from palpate.types.choices import BagChoices, SmootherName, TactileChoice, Unit
+from palpate.types.choices import (
+    DEFAULT_NOISE,
+    DEFAULT_SENSOR,
+    BagChoices,
+    SmootherName,
+    TactileChoice,
+    TrackerChoices,
+    Unit,
+)
 
 Numbers = tuple[float, float, float]
 """A pose or its standard deviations [m, m, rad]."""
 
 NOISE = "palpate|FILE"
-"""The metavar of an option that takes noise settings."""
+"""Metavar of an option that takes noise settings."""
 
 
 def arg(metavar: str | None = None, default: str | None = None, *, help: str | None = None, **more: Any) -> Any:
@@ -95,25 +104,25 @@ class Touch(SensorUnit):
             help="Measurements of touch: none (contact only), learnt (read from images by a model) or oracle (from "
             "ground truth); auto is learnt where there are images that the model can read, else none."
         ),
-    ] = "auto"
+    ] = TrackerChoices.tactile
 
 
 @dataclass(frozen=True)
 class Estimator:
     """The estimator: solver, noise, and hypotheses."""
 
-    smoother: SmootherName = "fixed-lag"
+    smoother: SmootherName = TrackerChoices.smoother
     """Solve the graph over the last steps of a contact, or over all of them."""
-    noise: Annotated[str, arg(NOISE)] = "palpate"
+    noise: Annotated[str, arg(NOISE)] = DEFAULT_NOISE
     """Standard deviations: those of palpate, or a file of palpate tune."""
-    hypotheses: Annotated[int, arg("N")] = 9
+    hypotheses: Annotated[int, arg("N")] = TrackerChoices.hypotheses
     """Largest number of hypotheses kept while touch is ambiguous; more are allowed at the start of a contact."""
 
     def settings(self, tactile: TactileChoice) -> "palpate.TrackerSettings":
         """Return the settings of a tracker."""
-        from palpate.config import noise_of
+        from palpate.noise_file import noise_of
 
-        return palpate.TrackerSettings(tactile, self.smoother, noise_of(self.noise), self.hypotheses)
+        return palpate.TrackerSettings(tactile, self.smoother, self.hypotheses, noise_of(self.noise))
 
 
 @dataclass(frozen=True)
@@ -131,7 +140,7 @@ class Bag:
     ] = None
     shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
-    sensor: Sensor = "digit"
+    sensor: Sensor = DEFAULT_SENSOR
     choices: BagChoices = field(default_factory=BagChoices)
 
     def read(self, file: Path) -> "palpate.BagReading":

@@ -11,9 +11,12 @@ from palpate.cli.console import Report, progress_bar
 from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, new_file, numbers_of, read_json
+from palpate.types.choices import DEFAULT_SENSOR
 
 
-def info(file: Annotated[Path, arg("FILE")], /, *, sensor: Sensor = "digit", orientation: Orientation = "") -> Report:
+def info(
+    file: Annotated[Path, arg("FILE")], /, *, sensor: Sensor = DEFAULT_SENSOR, orientation: Orientation = ""
+) -> Report:
     """Show the contents of a recording (rates, gaps, contacts, truth), a bag, a calibration or a run, and its problems.
 
     Example: palpate info push.mcap
@@ -102,7 +105,9 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     except FileError as error:
         return bag | {"advice": str(error)}
     damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
-    options = (f" --sensor {sensor}" if sensor != "digit" else "") + (orientation and f" --orientation {orientation}")
+    options = (f" --sensor {sensor}" if sensor != DEFAULT_SENSOR else "") + (
+        orientation and f" --orientation {orientation}"
+    )
     return bag | {
         "source": recording.source,
         "damaged_images": damaged,
@@ -119,7 +124,7 @@ def calibrate(
     untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
     ruler: Annotated[tuple[str, ...], arg("LENGTH IMAGE", "none")] = (),
     pushes: Annotated[tuple[Path, ...], arg("RECORDING", "none")] = (),
-    sensor: Sensor = "digit",
+    sensor: Sensor = DEFAULT_SENSOR,
     orientation: Orientation = "",
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
     force: Force = False,

@@ -10,9 +10,9 @@ from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.io.cmu_two_finger import is_cmu_log, read_cmu_log
 from palpate.io.mit_push import is_mit_push, read_mit_push
+from palpate.io.recording import Recording
 from palpate.io.recording_mcap import is_recording, read_recording
 from palpate.io.rosbag_reader import existing_bag, is_bag
-from palpate.types.recording import Recording
 
 FORMATS: dict[str, tuple[Callable[[Path], bool], Callable[[Path], Recording] | None]] = {
     "palpate": (is_recording, read_recording),

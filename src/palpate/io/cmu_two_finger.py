@@ -26,7 +26,7 @@ from palpate.errors import FileError
 from palpate.files import numbers_of, read_text, text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.types.recording import Recording, contact_flags
+from palpate.io.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
 RECTANGLE = Rectangle(0.051, 0.036)

@@ -1,4 +1,4 @@
-"""Times, poses and images in the forms that `Recording.from_arrays` takes them, and recordings of poses in space."""
+"""Times, poses and images as users have them, and the fields of a `Recording` in a plane that are made of them."""
 
 import logging
 from collections.abc import Sequence
@@ -15,7 +15,6 @@ from palpate.files import counting_order, existing_file, in_file
 from palpate.types import space
 from palpate.types.choices import Placement
 from palpate.types.images import Codec, camera_view, checked_pixels, decode_image, encode_image, fitted, turned_image
-from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import Placed, Plane, Times
 
@@ -115,7 +114,7 @@ def placed_from(name: str, poses: ArrayLike, time_name: str, time: ArrayLike, wa
     return space.placed_at(name, known_at, numbers, wanted)
 
 
-def planar_recording(
+def planar_fields(
     what: str,
     frame: str,
     time: Times,
@@ -126,9 +125,10 @@ def planar_recording(
     contact: Flags | None,
     sensor: SensorProfile,
     codec: Codec = "jpeg",
-    **fields: Any,
-) -> tuple[Recording, Plane]:
-    """Return frames at times (N,) [ns] as a recording in a plane; a warning says how many without pose are left out.
+) -> tuple[dict[str, Any], Plane]:
+    """Return frames at times (N,) [ns] as fields of a `Recording`, all but its shape and names, and their plane.
+
+    A warning says how many frames without a sensor pose are left out.
 
     The plane that fits is that of frames in contact, by its flags or as images show it. The images have their name in
     errors, `what` is that of the recording. Raises FileError.
@@ -169,6 +169,13 @@ def planar_recording(
         if off := np.count_nonzero(seen.known & ~good):
             logger.warning("%s: %d true poses are off the plane of the others and taken as unknown", seen.name, off)
         object_pose[good] = space.in_plane(plane, seen[good], placement.off_plane, time[good])
-    fields |= {"contact": contact, "image": image, "is_view_known": camera_view(placement.orientation).is_stated}
-    recording = Recording(time / 1e9, sensor_pose, sensor=sensor, object_pose=object_pose, **fields)
-    return recording, plane
+    fields = {
+        "time": time / 1e9,
+        "sensor_pose": sensor_pose,
+        "sensor": sensor,
+        "object_pose": object_pose,
+        "contact": contact,
+        "image": image,
+        "is_view_known": camera_view(placement.orientation).is_stated,
+    }
+    return fields, plane

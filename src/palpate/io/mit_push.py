@@ -19,7 +19,7 @@ from palpate.errors import FileError
 from palpate.files import read_json, text_start
 from palpate.geometry import se2
 from palpate.geometry.shapes import Rectangle
-from palpate.types.recording import Recording, contact_flags
+from palpate.io.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
 SQUARE = Rectangle(0.09, 0.09)

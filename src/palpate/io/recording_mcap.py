@@ -20,9 +20,9 @@ from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io import ros_messages as ros
+from palpate.io.recording import Recording
 from palpate.io.rosbag_reader import CutShort, front_matter, is_mcap, mcap_messages
 from palpate.io.rosbag_recording import BagChoices, read_bag
-from palpate.types.recording import Recording
 from palpate.types.sensor import SensorProfile, sensor_from_dict
 from palpate.types.space import flat
 

@@ -16,13 +16,13 @@ from palpate.arrays import Array, Flags
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
-from palpate.io.from_arrays import nanoseconds, planar_recording
+from palpate.io.from_arrays import nanoseconds, planar_fields
+from palpate.io.recording import Recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
-from palpate.types.choices import BagChoices
+from palpate.types.choices import DEFAULT_SENSOR, BagChoices
 from palpate.types.images import encode_image
-from palpate.types.recording import Recording
-from palpate.types.sensor import DIGIT, SensorProfile
+from palpate.types.sensor import SENSORS, SensorProfile
 from palpate.types.space import Placed, Plane, Times, onto_gel
 
 logger = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class _Source(NamedTuple):
 
 
 def read_bag(
-    path: Path | str, shape: Shape, choices: BagChoices | None = None, sensor: SensorProfile = DIGIT
+    path: Path | str, shape: Shape, choices: BagChoices | None = None, sensor: SensorProfile = SENSORS[DEFAULT_SENSOR]
 ) -> BagReading:
     """Read a bag as a recording of an object of this shape.
 
@@ -216,22 +216,20 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
         if repeated := len(seen) - len(images):
             logger.warning("%s: %d images have the time of another one and are left out", topic, repeated)
     time = stamps + round(choices.time_offset * 1e9)
-    return BagReading(
-        *planar_recording(
-            str(found.path),
-            place.frame,
-            time,
-            choices,
-            of_gel(place.placed(choices.clock, time)),
-            truth and truth.placed(choices.clock, time),
-            None if seen is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
-            flags,
-            sensor,
-            shape=shape,
-            source=f"bag {found.path.name}: {', '.join([topic, place.name, *([truth.name] if truth else [])])}",
-            file=found.path,
-        )
+    fields, plane = planar_fields(
+        str(found.path),
+        place.frame,
+        time,
+        choices,
+        of_gel(place.placed(choices.clock, time)),
+        truth and truth.placed(choices.clock, time),
+        None if seen is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
+        flags,
+        sensor,
     )
+    names = ", ".join([topic, place.name, *([truth.name] if truth else [])])
+    source = f"bag {found.path.name}: {names}"
+    return BagReading(Recording(**fields, shape=shape, source=source, file=found.path), plane)
 
 
 def _flags(stream: Stream, place: _Source, clock: str, rate: float) -> tuple[Times, Flags]:

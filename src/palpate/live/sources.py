@@ -22,7 +22,7 @@ import numpy as np
 from palpate.arrays import Array, Image
 from palpate.errors import FileError, FrameError, SettingError
 from palpate.geometry import se2
-from palpate.types.recording import Recording
+from palpate.io.recording import Recording
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
 

@@ -24,9 +24,10 @@ import math
 
 from palpate.arrays import Array, Records
 from palpate.compiled import kernel
+from palpate.estimation.whitening import whiten
 from palpate.manifolds.function_kernels import (
-    beyond,
     bearing,
+    beyond,
     clamp,
     half_cotangent,
     half_cotangent_slope,
@@ -37,7 +38,6 @@ from palpate.manifolds.function_kernels import (
     wrap,
 )
 from palpate.manifolds.se2_kernels import between, cauchy, exp_onto, log, rotation
-from palpate.estimation.whitening import whiten
 from palpate.models.pushing.corner import nearest_corner
 
 

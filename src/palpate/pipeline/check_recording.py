@@ -8,9 +8,9 @@ import numpy as np
 from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
 from palpate.geometry.shapes import wrong_width
+from palpate.io.recording import Recording
 from palpate.pipeline.metrics import flag_runs
 from palpate.touch.background import SteadyImages, first_frames
-from palpate.types.recording import Recording
 
 
 def check_recording(recording: Recording) -> dict[str, Any]:

@@ -12,10 +12,10 @@ from palpate.arrays import Array
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FileError
 from palpate.geometry import se2
+from palpate.io.recording import Recording
 from palpate.touch.background import SteadyImages, first_frames
 from palpate.touch.calibration import Calibration
 from palpate.touch.contact_detector import touched
-from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
 

@@ -23,11 +23,11 @@ from palpate.estimation.window import LAG
 from palpate.files import in_file
 from palpate.filter.hypotheses import costs_of_contact
 from palpate.geometry import se2
+from palpate.io.recording import Recording
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import contact_model
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.measurements import Step
-from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, OUTLINE_SCALE
 from palpate.models.pushing.window import Window
@@ -41,7 +41,6 @@ from palpate.touch.press_calibration import LEFT_OR_RIGHT
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker import noise_of_unit
 from palpate.types.measurements import Measurement
-from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
 

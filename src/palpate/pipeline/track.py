@@ -15,13 +15,13 @@ from palpate.checks import without_gradient
 from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError, one_line
 from palpate.geometry.shapes import Disc
+from palpate.io.recording import Recording
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import flag_runs, innovation_scores, summarise
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
 from palpate.types.estimate import Answers, Estimate, Trajectory
-from palpate.types.recording import Recording
 
 logger = logging.getLogger(__name__)
 
@@ -121,8 +121,10 @@ def track(
         summary["ended"] = f"{place}: {type(failure).__name__}: {one_line(failure)}"
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    is_learnt = settings.tactile == "learnt"
-    model = (model or shipped_model(recording.sensor.name)) if is_learnt else None
+    if settings.tactile != "learnt":
+        model = None
+    elif model is None:
+        model = shipped_model(recording.sensor.name)
     run = Run(recording, settings, model, calibration, first, sigma, online, answers, step_ms, summary)
     if failure is not None and keep:
         keep(run)

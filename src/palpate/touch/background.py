@@ -9,11 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels
-from palpate.config import DARKER, START, UNLIKE
+from palpate.config import CONTACT_DETECTION
 from palpate.errors import SettingError
 from palpate.touch.cells import NEIGHBOURS, cells_of, change_in_light, compare, is_dark, is_flat, is_grey, third_of_cell
 
 logger = logging.getLogger(__name__)
+
+MOVED_LEVELS = 8.0
+"""Change of a cell [grey levels] that images of one gel at rest do not have; 12 would miss the start of contacts."""
+MARKER_LEVELS = 12.0
+"""Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have some."""
 
 AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
 
@@ -86,7 +91,8 @@ class SteadyImages:
 
 def is_moved(image: Image, other: Image) -> bool:
     """Return true if something moves between two images, in whatever light, or they are of two gels."""
-    return compare(cells_of(image), cells_of(other), np.float32(UNLIKE)) > START
+    changed = compare(cells_of(image), cells_of(other), np.float32(MOVED_LEVELS))
+    return changed > CONTACT_DETECTION.start
 
 
 def _are_alike(image: Image, other: Image) -> bool:
@@ -121,7 +127,7 @@ def has_markers(image: AnyImage) -> bool:
     _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
     extent, (edge, size) = stats[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]], _edge_and_size(image)
     dots = ((extent >= edge) & (extent < size)).all(axis=1)
-    return stats[1:][dots, cv2.CC_STAT_AREA].sum() > START * dark.size
+    return stats[1:][dots, cv2.CC_STAT_AREA].sum() > CONTACT_DETECTION.start * dark.size
 
 
 def without_markers(image: AnyImage) -> AnyImage:
@@ -141,7 +147,7 @@ def _dark_dots(image: NDArray[Any]) -> tuple[NDArray[np.uint8], Any]:
     _, size = _edge_and_size(image)
     filled = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
     darker = cv2.cvtColor(cv2.subtract(filled, image), cv2.COLOR_RGB2GRAY)
-    return (darker > DARKER).astype(np.uint8), filled
+    return (darker > MARKER_LEVELS).astype(np.uint8), filled
 
 
 def _edge_and_size(image: NDArray[Any]) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels, Records
 from palpate.compiled import compiled
-from palpate.config import FITS, LEAST_DEVIATION, LIGHT, SETTLED, SIGNIFICANT
+from palpate.config import CONTACT_DETECTION
 
 Pixels = TypeVar("Pixels", bound=NDArray[Any])
 Light = NDArray[np.float64]
@@ -23,7 +23,13 @@ ACROSS = 30
 """Cells over the shorter side of an image."""
 NEIGHBOURS = 5
 """Thirds of cells across a square in which what fills less than half, as a scratch, is thinner than a touch."""
-_OUTLIER = 0.5 * SIGNIFICANT * LEAST_DEVIATION
+LARGEST_LIGHT_CHANGE = 3.0
+"""Factor by which the light may change either way while the gel still shows."""
+MOST_LIGHT_FITS = 8
+"""Most fits of the light in one channel of an image."""
+SETTLED_LIGHT = 1e-3
+"""Change of the light, relative to the untouched gel's, that ends the fits: a quarter of a grey level."""
+_OUTLIER = 0.5 * CONTACT_DETECTION.significant * CONTACT_DETECTION.least_deviation
 """[grey levels] off the light's plane from which a cell hardly counts: half of what is significant."""
 
 
@@ -165,7 +171,7 @@ def _change(image: Records, untouched: Records, light: Light) -> Records:
             right = 2.0 * (column + 0.5) / columns - 1.0
             for channel in range(channels):
                 part = light[channel, 0] + light[channel, 1] * right + light[channel, 2] * down
-                part = np.float32(min(max(part, 1.0 / LIGHT), LIGHT))
+                part = np.float32(min(max(part, 1.0 / LARGEST_LIGHT_CHANGE), LARGEST_LIGHT_CHANGE))
                 out[row, column, channel] = image[row, column, channel] - part * untouched[row, column, channel]
     return out
 
@@ -177,7 +183,7 @@ def _fit(cells: Levels, untouched: Levels, planes: Light, system: Light) -> None
     for channel in range(channels):
         middle, right, down = planes[channel, 0], planes[channel, 1], planes[channel, 2]
         seen, known = cells[channel], untouched[channel]
-        for _ in range(FITS):
+        for _ in range(MOST_LIGHT_FITS):
             system[:] = 0.0
             for i in range(3):
                 system[i, i] = 1.0  # so that a black channel has a fit
@@ -212,6 +218,6 @@ def _fit(cells: Levels, untouched: Levels, planes: Light, system: Light) -> None
             for i in range(3):
                 system[i, 3] /= system[i, i]
             middle, right, down = middle + system[0, 3], right + system[1, 3], down + system[2, 3]
-            if max(abs(system[0, 3]), abs(system[1, 3]), abs(system[2, 3])) < SETTLED:
+            if max(abs(system[0, 3]), abs(system[1, 3]), abs(system[2, 3])) < SETTLED_LIGHT:
                 break
         planes[channel, 0], planes[channel, 1], planes[channel, 2] = middle, right, down

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Flags, Image, Levels
-from palpate.config import EVERY, LEAST_DEVIATION, MEMORY, MOST, NO_GEL, NO_GEL_IN_DOUBT, RECENT, SIGNIFICANT, START
+from palpate.config import CONTACT_DETECTION
 from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, check_view, mismatch
@@ -15,8 +15,20 @@ from palpate.touch.cells import cells_of, compare, is_grey, sparse_pixels, wide_
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
-_END = 0.5 * START
-"""Share at which a touch ends: half, so that a faint one does not flicker, and still well above noise."""
+NO_GEL_SHARE = 0.8
+"""Share of significant values from which an image shows no gel: touches make up to 0.7."""
+NO_GEL_SHARE_IN_DOUBT = 0.6
+"""The same while a calibration may be of another unit, which mostly makes more."""
+SCRATCH_SHARE = 0.5
+"""Share of the significant values that is left in wide cells, below which they are thin lines, a scratch."""
+NOISY_SHARE = 0.5
+"""Share of pixels that differ from one image to the next from which a camera has noise in every image."""
+MOST_REPEATS = 10
+"""Images of such a camera that may be the same to the last bit; with more it stands still."""
+BACKGROUND_MEMORY = 90
+"""Images over which the background follows the light: 3 s at 30 Hz."""
+BACKGROUND_EVERY = 5
+"""One untouched image in so many is used for that, which is enough for the light."""
 
 
 class ContactDetector:
@@ -98,13 +110,13 @@ class ContactDetector:
         self._check_gel(image, cells, share)
         self._check_not_repeated(image)
         self.share = share
-        self._touched = share > (_END if self._touched else START)
+        self._touched = share > (CONTACT_DETECTION.end if self._touched else CONTACT_DETECTION.start)
         if not self._touched:
             self._doubted = ""
-        if self.share <= _END:
+        if self.share <= CONTACT_DETECTION.end:
             self._untouched_images += 1
-            if self._untouched_images % EVERY == 0:
-                self._use(self.background.followed(image, EVERY / MEMORY))
+            if self._untouched_images % BACKGROUND_EVERY == 0:
+                self._use(self.background.followed(image, BACKGROUND_EVERY / BACKGROUND_MEMORY))
         return self._touched
 
     def forget(self) -> None:
@@ -122,30 +134,31 @@ class ContactDetector:
         self.background = background
         self._cells, self._wide_cells, self._look = cells_of(background.mean), None, None
         self._is_grey = is_grey(background.mean)
-        self._tolerance = np.float32(SIGNIFICANT) * np.maximum(background.noise, np.float32(LEAST_DEVIATION))
+        deviation = np.maximum(background.noise, np.float32(CONTACT_DETECTION.least_deviation))
+        self._tolerance = np.float32(CONTACT_DETECTION.significant) * deviation
 
     def _significant_share(self, image: Image, cells: Levels) -> float:
         if is_grey(image) != self._is_grey:  # the camera's mode is another, or it sees nothing
             return 1.0
         share = compare(cells, self._cells, self._tolerance)
-        if share <= _END:
+        if share <= CONTACT_DETECTION.end:
             return share
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
             self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
         if self._look is None or abs(share - self._look[0]) > 0.1 * share:  # a touch adds more
             self._look = share, compare(wide_cells_of(image), self._wide_cells, self._tolerance)
-        return self._look[1] if self._look[1] < MOST * share else share
+        return self._look[1] if self._look[1] < SCRATCH_SHARE * share else share
 
     def _check_gel(self, image: Image, cells: Levels, share: float) -> None:
         """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""
-        shows_gel = share <= (NO_GEL_IN_DOUBT if self._doubted else NO_GEL)
+        shows_gel = share <= (NO_GEL_SHARE_IN_DOUBT if self._doubted else NO_GEL_SHARE)
         if shows_gel:
             self._steady.seen.clear()
             self.new_view = None
         elif not self._doubted:
             self.new_view = self._steady.add(image) or self.new_view
-        if share <= START or (shows_gel and self._sparse is not None):
+        if share <= CONTACT_DETECTION.start or (shows_gel and self._sparse is not None):
             return
         check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
         if not shows_gel:
@@ -161,9 +174,9 @@ class ContactDetector:
         sparse = sparse_pixels(image).copy()
         changed = 1.0 if self._sparse is None else np.count_nonzero(sparse != self._sparse) / sparse.size
         self._sparse = sparse
-        self._is_noisy = self._is_noisy or (self._repeats > 0 and changed > MOST)
+        self._is_noisy = self._is_noisy or (self._repeats > 0 and changed > NOISY_SHARE)
         self._repeats = 1 if changed else self._repeats + 1
-        if self._repeats > RECENT and self._is_noisy:
+        if self._repeats > MOST_REPEATS and self._is_noisy:
             raise SettingError(
                 f"image: found the same {self._repeats} times, to the last bit; expected is some noise, as there was "
                 "before: the camera stands still"

@@ -6,7 +6,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from palpate.arrays import Image, Levels
-from palpate.config import CORNER_LOGIT, TactileChoice
 from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
@@ -14,12 +13,16 @@ from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import is_grey
 from palpate.touch.touch_model import (
     COLUMNS,
+    LEAST_CORNER_LOG_ODDS,
     ROWS,
+    SHIPPED_OF,
     TouchModel,
     difference_in_light,
+    no_shipped_model,
     reduced,
     shipped_model,
 )
+from palpate.types.choices import TactileChoice
 from palpate.types.measurements import ContactCorner, ContactDirection, ContactPlace, Frame, Measurement, Turn
 from palpate.types.sensor import SensorProfile
 
@@ -50,27 +53,28 @@ class TouchReader:
         calibration: Calibration | None = None,
         own: Touch | None = None,
     ) -> None:
-        """Take the source of measurements; `model` is by default the one that comes with palpate.
+        """Take the source of measurements; `model` is by default the one that comes with palpate for this sensor.
 
-        Raises SettingError if the model does not fit the sensor or measures no turns.
+        Raises SettingError if the images are to be read, and there is no model or it does not fit the sensor.
         """
         self.tactile: TactileChoice = tactile
         """Source of the measurements; of auto, the one chosen once the untouched gel is known."""
         self.reason = ""
         """Reason for that choice; empty if there was none."""
         self._own, self._is_open = own, own is None and tactile == "auto"
-        self.needs_colours = model is None
-        """True if the touch model is one that comes with palpate: these read colours."""
         self._correction = calibration.direction if calibration else UNCORRECTED
         self._mean: Levels | None = None  # of the untouched gel when the contact began
-        self._model = model or shipped_model(sensor.name)
-        self._on_gel = angle_factor(self._model, calibrated(sensor, calibration))
-        self._factors = {name: spread.factor for name, spread in self._model.settings.spread.items()}
-        self._misfit = misfit(sensor, self._model)
+        if model is None and sensor.name in SHIPPED_OF:
+            model = shipped_model(sensor.name)
+        self._model = model
+        self.needs_colours = model is not None and model.is_shipped
+        """True if the touch model is one that comes with palpate: these read colours."""
+        self._on_gel = angle_factor(model, calibrated(sensor, calibration))
+        self._misfit = misfit(sensor, model)
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
-        if self.reads_images or (self._is_open and not self._misfit):
-            self._model.read(np.zeros((ROWS, COLUMNS, 3), np.float32))  # opens the network now, not in a robot's loop
+        if model is not None and (self.reads_images or (self._is_open and not self._misfit)):
+            model.read(np.zeros((ROWS, COLUMNS, 3), np.float32))  # opens the network now, not in a robot's loop
 
     @property
     def reads_images(self) -> bool:
@@ -80,16 +84,25 @@ class TouchReader:
     def choose(self, image: Image | None, background: Background | None) -> None:
         """Choose the source if that is open, by the untouched gel: the first images may be grey or white.
 
-        It is learnt if the model reads such images: of its size, of one tip, and in colours unless it is the user's.
+        It is learnt if there is a model that reads such images: of its size, of one tip, and in colours unless it is
+        the user's.
         """
         if not self._is_open:
             return
-        if image is None or self._misfit:
-            self.tactile, self.reason = "none", self._misfit if image is not None else "there are no images"
-        elif background is not None and self.needs_colours and is_grey(background.mean):
-            self.tactile, self.reason = "none", GREY
-        elif background is not None:
-            self.tactile, self.reason = "learnt", f"images fit the touch model of the {self._model.settings.sensor}"
+        if image is None:
+            self.tactile = "none"
+            self.reason = "there are no images"
+        elif self._model is None or self._misfit:
+            self.tactile = "none"
+            self.reason = self._misfit
+        elif background is None:
+            return
+        elif self.needs_colours and is_grey(background.mean):
+            self.tactile = "none"
+            self.reason = GREY
+        else:
+            self.tactile = "learnt"
+            self.reason = f"images fit the touch model of the {self._model.settings.sensor}"
             self._is_open = False
 
     def read(self, frame: Frame, background: Background | None) -> Sequence[Measurement]:
@@ -101,25 +114,26 @@ class TouchReader:
             return self._own.measure(frame)
         if self.tactile == "oracle":
             return _true_turn(frame)
-        if not self.reads_images:
+        if self._model is None or not self.reads_images:
             return ()
         if frame.image is None or background is None:
             raise EstimationError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         if self._mean is None:
             self._mean = reduced(background.mean)
         reading = self._model.read(difference_in_light(frame.image, self._mean))
-        offset, scale = self._correction.offset / self._on_gel, self._correction.scale / self._on_gel
+        offset = self._correction.offset / self._on_gel
+        scale = self._correction.scale / self._on_gel
         found: list[Measurement] = []
         for name in (each for each in ("direction", "place", "turn", "corner") if each in reading):
             mean, variance, *more = reading[name]
-            variance *= self._factors[name]
+            variance *= self._model.settings.spread[name].factor
             if name == "direction":
                 found.append(ContactDirection((mean - offset) / scale, variance / scale**2))
             elif name == "place":
                 found.append(ContactPlace(mean, variance))
             elif name == "turn":
                 found.append(Turn(mean / scale, variance / scale**2))
-            elif more[1] > CORNER_LOGIT:
+            elif more[1] > LEAST_CORNER_LOG_ODDS:
                 found.append(ContactCorner(mean, variance, more[0]))
         return found
 
@@ -140,10 +154,14 @@ def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
     return sensor.shown
 
 
-def misfit(sensor: SensorProfile, model: TouchModel) -> str:
-    """Return the reason why a model cannot read the images of a sensor, or ""."""
+def misfit(sensor: SensorProfile, model: TouchModel | None) -> str:
+    """Return the reason why the images of a sensor cannot be read by a model, or by none, or ""."""
     if (tips := len(sensor.tips)) > 1:
         return f"the sensor has {tips} tips, and the touch model reads images of one"
+    if not sensor.image_height:
+        return f"sensor {sensor.name!r} has no images"
+    if model is None:
+        return no_shipped_model(sensor.name)
     made_for = model.settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         return (

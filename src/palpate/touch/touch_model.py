@@ -35,15 +35,16 @@ ROWS, COLUMNS = 32, 128
 """Size of a difference. Imprints of upright objects stand along the rows, and their yaw shows across the columns, down
 to the shading beside a corner's line of a millimetre: so columns are finer."""
 LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
+LEAST_CORNER_LOG_ODDS = 2.0
+"""Log odds of a corner from which its angle is a measurement."""
 
 OUTPUTS = (("direction", "turn", "corner"), ("direction", "turn", "place"), ("direction",))
 """Outputs of a model of a round tip, of a flat gel, and of one trained on presses."""
 SIZES = {"corner": 4}
 """Numbers of an output that has more than mean and log variance."""
 _DATA = Path(__file__).resolve().parents[1] / "data"
-SHIPPED = _DATA / "digit"
-SHIPPED_OF = {"DIGIT": SHIPPED, "GelSight Mini": _DATA / "gelsight_mini"}
-"""Models that come with palpate, by sensor profile."""
+SHIPPED_OF = {"DIGIT": _DATA / "digit", "GelSight Mini": _DATA / "gelsight_mini"}
+"""Folders of the models that come with palpate, by the name of the sensor profile."""
 
 
 def reduced(image: NDArray[np.uint8] | Difference) -> Difference:
@@ -122,6 +123,11 @@ class TouchModel:
         self.settings = _settings(path, written["settings"])
         self._session: Any = None
 
+    @property
+    def is_shipped(self) -> bool:
+        """True for a model that comes with palpate."""
+        return self.folder.resolve() in SHIPPED_OF.values()
+
     def __getstate__(self) -> dict[str, Any]:
         """Return the state of copies and pickles, which open the network themselves."""
         return {**vars(self), "_session": None}
@@ -150,8 +156,22 @@ class TouchModel:
 
 @cache
 def shipped_model(sensor: str = "DIGIT") -> TouchModel:
-    """Return the model that comes with palpate for a sensor profile, by default the DIGIT's; opened once."""
-    return TouchModel(SHIPPED_OF.get(sensor, SHIPPED))
+    """Return the model that comes with palpate for the sensor profile of this name; opened once.
+
+    Raises SettingError if there is none: a model of other sensors has to be asked for by name.
+    """
+    if sensor not in SHIPPED_OF:
+        raise SettingError(no_shipped_model(sensor))
+    return TouchModel(SHIPPED_OF[sensor])
+
+
+def no_shipped_model(sensor: str) -> str:
+    """Return the sentence for a sensor profile without a shipped model, with the ways to give it one."""
+    return (
+        f"no touch model comes with palpate for sensor {sensor!r}; give one, in Python "
+        "model=palpate.TouchModel(MODEL), for commands --model MODEL: a folder that palpate train makes, or digit or "
+        "gelsight-mini if this sensor's images look like theirs"
+    )
 
 
 def fingerprint(settings: Any, network: bytes) -> str:

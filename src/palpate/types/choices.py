@@ -18,6 +18,23 @@ Unit = Literal["m", "cm", "mm", "in"]
 Normal = tuple[float, float, float] | Literal["fit"]
 """The normal of a plane, or "fit" for the plane through the sensor's path."""
 
+DEFAULT_SENSOR = "digit"
+"""Sensor of bags, images and presses, which do not say theirs: a name in `palpate.types.sensor.SENSORS`."""
+DEFAULT_NOISE = "palpate"
+"""Name of the defaults of `palpate.NoiseSettings` where a file of settings may be named too."""
+
+
+@dataclass(frozen=True)
+class TrackerChoices:
+    """Settings of a tracker that are also options of commands, with the defaults of both."""
+
+    tactile: TactileChoice = "auto"
+    """Source of the touch measurements."""
+    smoother: SmootherName = "fixed-lag"
+    """Solver for the graph of a contact."""
+    hypotheses: int = 9
+    """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
+
 
 @dataclass(frozen=True)
 class Placement:

@@ -188,11 +188,10 @@ def tune(
         evaluations: Number of times that all recordings are tracked.
         workers: Processes that share the work.
     """
-    from palpate.config import noise_of
     from palpate.lab.study.recordings import find_recordings
     from palpate.lab.study.study import StudySettings
     from palpate.lab.tune.tuning import tune as tune_settings
-    from palpate.lab.tune.tuning import write_noise
+    from palpate.noise_file import noise_of, write_noise
 
     tracker, unit = palpate.TrackerSettings(noise=noise_of(start)), touch.load(touch.tactile)
     settings = StudySettings((touch.tactile,), tracker, *unit, orientation)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from palpate.arrays import Array
 from palpate.files import whole_file
 from palpate.geometry import se2
+from palpate.io.recording import Recording
 from palpate.lab.study.figures import COLOURS
 from palpate.lab.study.study import Trial
 from palpate.pipeline.figures import own_style
-from palpate.types.recording import Recording
 
 Shown = tuple[NDArray[np.float16], Array]
 """Some images of a sequence (M, 32, 128, 3), as differences from the untouched gel, and their key points (M, 2)."""

@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import Array, Image
 from palpate.geometry import se2
+from palpate.io.recording import Recording
 from palpate.lab.train.samples import KINDS, difference, gel_at_rest, geometry_of
 from palpate.touch.background import Background
 from palpate.touch.touch_model import reduced
-from palpate.types.recording import Recording
 
 Indices = NDArray[np.int_]
 

@@ -13,6 +13,7 @@ import numpy as np
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES, Shape, shape_to_dict
+from palpate.io.recording import Recording
 from palpate.io.recording_mcap import METADATA, write_recording
 from palpate.io.rosbag_reader import CutShort, front_matter, mcap_messages
 from palpate.lab import required
@@ -23,7 +24,6 @@ from palpate.lab.simulate.pushes import draw_sequence, measured
 from palpate.lab.simulate.set_up_errors import draw_errors, with_errors, worn
 from palpate.lab.simulate.unit import draw_unit
 from palpate.types.images import encode_image
-from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 
 if TYPE_CHECKING:

@@ -20,13 +20,13 @@ from palpate.arrays import Array, Flags
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
+from palpate.io.recording import Recording
 from palpate.lab.simulate.gel import draw_side, render
 from palpate.lab.simulate.paths import minimum_jerk
 from palpate.lab.simulate.recordings import check_not_negative
 from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.pipeline.metrics import flag_runs
 from palpate.types.images import encode_image
-from palpate.types.recording import Recording
 from palpate.types.sensor import DIGIT, SensorProfile
 
 

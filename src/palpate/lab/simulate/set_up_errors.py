@@ -20,10 +20,10 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.geometry import se2
 from palpate.geometry.shapes import scaled
+from palpate.io.recording import Recording
 from palpate.lab.simulate.backdrop import GRAIN_LEVELS, GRAIN_RADIUS, grain
 from palpate.lab.simulate.scene import WARM_UP
 from palpate.lab.simulate.unit import SensorUnit
-from palpate.types.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from palpate.errors import FileError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse
 from palpate.io import load_recording
+from palpate.io.recording import Recording, contact_flags
 from palpate.lab.parallel import spread
 from palpate.models.pushing.contact_geometry import contact_model
 from palpate.pipeline.first_release import release_after_start
@@ -21,7 +22,6 @@ from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibr
 from palpate.touch.contact_detector import touched
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import LEVELS, Difference, reduced
-from palpate.types.recording import Recording, contact_flags
 from palpate.types.sensor import SensorProfile
 
 Indices = NDArray[np.int_]

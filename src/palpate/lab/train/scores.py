@@ -9,13 +9,11 @@ import torch
 from numpy.typing import NDArray
 
 from palpate.arrays import Array
-from palpate.config import CORNER_LOGIT
 from palpate.geometry import se2
 from palpate.lab.train.augment import batch
 from palpate.lab.train.networks import Together, TouchNetwork
 from palpate.lab.train.samples import Samples
-from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE
-from palpate.touch.touch_model import Spread
+from palpate.touch.touch_model import LEAST_CORNER_LOG_ODDS, Spread
 
 Indices = NDArray[np.int_]
 Errors = Mapping[str, tuple[Array, Array, Indices]]
@@ -48,7 +46,7 @@ def errors_of(network: TouchNetwork | Together, samples: Samples) -> Errors:
             found[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
         else:
             error = mean + output[:, 2] * (samples.cone - HALF_RIGHT_ANGLE) - samples.corner
-            at = np.isfinite(samples.corner) & (output[:, 3] > CORNER_LOGIT)
+            at = np.isfinite(samples.corner) & (output[:, 3] > LEAST_CORNER_LOG_ODDS)
             found[name] = without_offsets(error[at], variance[at], contact[at]), variance[at], contact[at]
     return found
 

@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from palpate.arrays import Array, Flags
 from palpate.errors import FileError
 from palpate.geometry import se2
+from palpate.io.recording import Recording
 from palpate.lab.truth.camera import TagTrack, laid_over
-from palpate.types.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ evaluations; it works on logarithms, since noise is a matter of factors.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean, median
@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.config import FORMAT, VERSION, NoiseSettings, TrackerSettings
+from palpate.config import TrackerSettings
 from palpate.errors import EstimationError, FileError, PalpateError, SettingError
-from palpate.files import write_json
 from palpate.lab.parallel import spread
 from palpate.lab.study.recordings import group_of
 from palpate.lab.study.study import StudySettings, track_file
@@ -229,9 +228,3 @@ def with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSet
 def _setting(settings: TrackerSettings, name: str) -> Any:
     group, setting = name.split(".")
     return getattr(getattr(settings.noise, group), setting)
-
-
-def write_noise(noise: NoiseSettings, path: Path | str, tuned: dict[str, Any], overwrite: bool = False) -> None:
-    """Write a settings file, whole or not at all; `tuned` is a JSON object on how they were found."""
-    content = {"format": FORMAT, "version": VERSION, "noise": asdict(noise), "tuned": tuned}
-    write_json(path, content, overwrite)

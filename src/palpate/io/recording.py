@@ -14,10 +14,12 @@ from palpate.config import FirstPoseSettings
 from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
+from palpate.io.from_arrays import nanoseconds, placed_from, planar_fields
 from palpate.types.choices import Normal, Placement
 from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile, known_sensor
+from palpate.types.space import onto_gel
 
 Images = Image | Sequence[Image | bytes | str | Path]
 """Images as a user has them: arrays (N, height, width, 3), encoded bytes, or paths of files."""
@@ -107,11 +109,11 @@ class Recording:
         shape: Shape,
         sensor: SensorProfile | str,
         *,
-        orientation: str = "",
-        sensor_T_gel: ArrayLike | None = None,
-        time_offset: float = 0.0,
-        plane: Normal = (0.0, 0.0, 1.0),
-        off_plane: float = 0.01,
+        orientation: str = Placement.orientation,
+        sensor_T_gel: ArrayLike | None = Placement.sensor_T_gel,
+        time_offset: float = Placement.time_offset,
+        plane: Normal = Placement.plane,
+        off_plane: float = Placement.off_plane,
         object_poses: ArrayLike | None = None,
         object_time: ArrayLike | None = None,
         contact: ArrayLike | None = None,
@@ -140,9 +142,6 @@ class Recording:
         - contact: (N,) True for each image in which the sensor touches the object.
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
-        from palpate.io.from_arrays import nanoseconds, placed_from, planar_recording
-        from palpate.types.space import onto_gel
-
         placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)  # pyright: ignore[reportArgumentType]
         of_gel = onto_gel(placement)
         sensor = known_sensor(sensor)
@@ -166,7 +165,7 @@ class Recording:
         if known.dtype.kind != "f" or not np.isnan(known).all():
             seen_at = pose_time if object_time is None else object_time
             truth = placed_from("object_poses", known, "object_time", seen_at, time)
-        recording, _ = planar_recording(
+        fields, _ = planar_fields(
             "from_arrays",
             "world",
             time,
@@ -177,10 +176,8 @@ class Recording:
             flags,
             sensor,
             codec,
-            shape=shape,
-            source=source,
         )
-        return recording
+        return cls(**fields, shape=shape, source=source)
 
     def oriented(self, orientation: str) -> "Recording":
         """Return the recording with its images turned; see `from_arrays`. Raises FileError and SettingError."""
