@@ -134,7 +134,7 @@ def rows_of(
     return Linear(*(out[field][:, :, :count] for field in ("residual", "jacobian", "information", "weight")))
 
 
-ROWS = {"sticking": 2, "sensor_pose": 3, "object_pose": 3, "first_pose": 3 + OBJECT_SIZE}
+ROWS = {"sticking": 2, "disturbed_slide": 2, "sensor_pose": 3, "object_pose": 3, "first_pose": 3 + OBJECT_SIZE}
 
 
 def gaps(g: Array, model: ContactModel) -> Array:

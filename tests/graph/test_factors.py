@@ -195,7 +195,7 @@ def test_contact_and_pushing(name, radius, where):
     for factor in ("contact", "sticking", "balance", "friction_cone"):
         check(factor, at, atol=1e-6)
     at.steps["slide"], at.steps["spread"] = 1e-3, 0.01  # something else moves the object
-    for factor in ("sticking", "balance"):
+    for factor in ("disturbed_slide", "disturbed_turn"):
         check(factor, at, atol=1e-6)
 
 
@@ -249,10 +249,11 @@ def test_a_disturbed_step_slides_along_the_outline():
     g0 = np.array([-0.1182 + 1e-3, 0.02, 0.0])
     at = values_at(model, [[g0, g0 + np.array([2e-3, -1e-3, 0.0])]])
     at.steps["slide"], at.steps["spread"] = 5e-4, 0.01
-    rows = rows_of("sticking", at)
+    rows = rows_of("disturbed_slide", at)
     np.testing.assert_allclose(np.abs(rows.residual[0, 0]), [1.5e-3, 2e-3], atol=1e-8)
     np.testing.assert_allclose(rows.weight[0, 0], [1e4, 2e-3**-2])
-    assert not rows_of("friction_cone", at).weight.any()
+    for factor in ("sticking", "balance", "friction_cone"):
+        assert not rows_of(factor, at).weight.any()
 
 
 class Seen(OwnMeasurement):

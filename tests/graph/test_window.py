@@ -9,13 +9,15 @@ from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scal
 from palpate import ContactDirection, EstimationError, ObjectPose, Turn
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
-from palpate.models.pushing.layout import IN_SHARED
+from palpate.models.pushing.layout import IN_SHARED, NAMES
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import DIRECTION_BIAS, DIRECTION_SCALE
 from palpate.models.pushing.window import Window
 
 ENDLESS = 10**6
+
+DIRECTION = NAMES.index("direction")
 
 
 def apart_from(given, belief: Belief, offsets) -> Belief:

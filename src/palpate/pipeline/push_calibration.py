@@ -28,6 +28,7 @@ from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import contact_model
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, OUTLINE_SCALE
 from palpate.models.pushing.window import Window

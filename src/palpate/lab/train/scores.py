@@ -13,6 +13,7 @@ from palpate.geometry import se2
 from palpate.lab.train.augment import batch
 from palpate.lab.train.networks import Together, TouchNetwork
 from palpate.lab.train.samples import Samples
+from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE
 from palpate.touch.touch_model import LEAST_CORNER_LOG_ODDS, Spread
 
 Indices = NDArray[np.int_]
