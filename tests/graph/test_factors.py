@@ -294,7 +294,7 @@ def test_own_measurements():
     def rows(change: Array) -> Array:
         there = perturbed(at, change)
         own = [(0, Seen()), (0, Stretched())]
-        return OwnMeasurements([*own]).evaluated(0, there.steps["g"], there.steps["e"], there.rows["shared"])
+        return OwnMeasurements([*own]).evaluated(0, there.steps, there.rows["shared"])
 
     here = rows(np.zeros(WIDTH))
     for c, change in enumerate(STEP * np.eye(WIDTH)[STEP_SIZE:]):

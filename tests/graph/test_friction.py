@@ -60,7 +60,7 @@ def test_friction_learnt_in_a_contact_is_less_certain_in_the_next():
     said = zip(frames(o, e), directions(se2.between(o, e), 0), strict=True)
     learnt = [tracker.update(frame, [one]).friction for frame, one in said][-1]
     resting = tracker.update(Frame(3.0, se2.compose(e[-1], [-0.2, 0.0, 0.0]), contact=False)).friction
-    (mean, prior), share = ROBUST.priors.grip, ROBUST.priors.friction_changes[0]
+    (mean, prior), share = ROBUST.priors.grip, GRIP.change[0]
     keeps, spread = math.sqrt(1.0 - share**2), learnt[1] / learnt[0]
     assert spread < 0.8 * prior and abs(learnt[0] - 0.3) < 3.0 * learnt[1]
     assert math.log(resting[0]) == pytest.approx(mean + keeps * (math.log(learnt[0]) - mean))

@@ -24,10 +24,9 @@ import math
 
 from palpate.arrays import Array, Records
 from palpate.compiled import kernel
-from palpate.estimation.whitening import whiten
 from palpate.manifolds.function_kernels import (
-    bearing,
     beyond,
+    bearing,
     clamp,
     half_cotangent,
     half_cotangent_slope,
@@ -38,6 +37,7 @@ from palpate.manifolds.function_kernels import (
     wrap,
 )
 from palpate.manifolds.se2_kernels import between, cauchy, exp_onto, log, rotation
+from palpate.estimation.whitening import whiten
 from palpate.models.pushing.corner import nearest_corner
 
 
@@ -225,7 +225,7 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
 def friction_cone(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return the distance of the motion v outside the cone [m], on the side on which the contact slides."""
     noise_share = settings.friction_cone.share
-    if not (now.spread <= 0.0) and (noise_share < 1e300):
+    if not ((now.spread <= 0.0) and (noise_share < 1e300)):
         return 0
     before_e_cos = before.turn_e.real
     before_e_sin = before.turn_e.imag
