@@ -35,7 +35,7 @@ from threadpoolctl import threadpool_limits
 from palpate import DIGIT, ContactDirection, Frame, Measurement, Rectangle, Tracker, TrackerSettings, Turn
 from palpate.geometry import se2
 from palpate.graph.contact_geometry import contact_model
-from palpate.lab.simulate.recordings import Simulation
+from palpate_lab.simulate.recordings import Simulation
 
 Array = NDArray[np.float64]
 Row = dict[str, float | str]

@@ -16,9 +16,9 @@ from _common import for_each, write
 import palpate
 from palpate.config import ALARMS, SHORT
 from palpate.graph.factors import DIRECTION, NAMES, PLACE, TURN
-from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
+from palpate_lab.study.recordings import find_recordings
 
 SECOND = 30  # frames
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from palpate.config import CORNER_LOGIT
 from palpate.graph.contact_geometry import RIGHT_ANGLE
 from palpate.io import load_recording
-from palpate.lab.simulate.unit import draw_unit
-from palpate.lab.study.recordings import find_recordings
-from palpate.lab.train.networks import TouchNetwork, restore
-from palpate.lab.train.samples import KINDS, Samples, read_samples
-from palpate.lab.train.scores import errors_of, judge
 from palpate.touch.touch_model import shipped_model
+from palpate_lab.simulate.unit import draw_unit
+from palpate_lab.study.recordings import find_recordings
+from palpate_lab.train.networks import TouchNetwork, restore
+from palpate_lab.train.samples import KINDS, Samples, read_samples
+from palpate_lab.train.scores import errors_of, judge
 
 Array = NDArray[np.float64]
 

@@ -155,7 +155,7 @@ def test_other_calibration_files_are_refused_in_one_sentence(fields, message):
 
 
 def test_pushes_show_a_robot(json_of, fails, succeeds):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
     assert "folder" in succeeds("simulate", "made", "--shape", "disc", "--count", "1", "--seconds", "4", "--unit", "3")
     push = palpate.load_recording("made/disc-000000.mcap")
     names = []

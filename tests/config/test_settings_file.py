@@ -9,7 +9,7 @@ import pytest
 
 from palpate import FileError, NoiseSettings, SettingError
 from palpate.config import VERSION, noise_of
-from palpate.lab.tune.tuning import write_noise
+from palpate_lab.tune.tuning import write_noise
 
 NOISE = NoiseSettings()
 CHANGED = replace(
