@@ -29,6 +29,7 @@ lint: $(READY_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+	$(BIN)/python scripts/check_plainness.py
 
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
