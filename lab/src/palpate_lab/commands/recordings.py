@@ -176,7 +176,8 @@ def truth(
     from palpate_lab.truth.camera import load_camera, read_video, track_tags
 
     new_file(out, force)
-    given, overhead = palpate.load_recording(recording), load_camera(camera)
+    given = palpate.load_recording(recording)
+    overhead = load_camera(camera)
     with progress_bar(f"looking for tags in {video.name}"), in_file(video):
         tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
         alignment = align(given.time, given.sensor_pose, tag_on_sensor)

@@ -154,13 +154,15 @@ def train(
         if not untouched or not sensor or start or calibration or orientation or test:
             others = "--from, --calibration, --orientation, --test"
             raise SettingError(f"train: presses (.csv) take --untouched and --sensor, not {others}")
-        still, presses = [read_image(path) for path in untouched], read_presses(source)
+        still = [read_image(path) for path in untouched]
+        presses = read_presses(source)
         with in_file(source):
             results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
     else:
         if untouched or sensor:
             raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
-        files, tested = list(find_recordings(source).values()), list(find_recordings(test).values()) if test else ()
+        files = list(find_recordings(source).values())
+        tested = list(find_recordings(test).values()) if test else ()
         unit = calibration and palpate.load_calibration(calibration)
         results = train_model(files, out, settings, progress_bar, start, tested, resume, unit, orientation)
     left_out = results.get("recordings", {}).get("left_out", {})
@@ -197,7 +199,8 @@ def tune(
     from palpate_lab.tune.tuning import tune as tune_settings
     from palpate_lab.tune.tuning import write_noise
 
-    tracker, unit = palpate.TrackerSettings(noise=noise_of(start)), touch.load(touch.tactile)
+    tracker = palpate.TrackerSettings(noise=noise_of(start))
+    unit = touch.load(touch.tactile)
     settings = StudySettings((touch.tactile,), tracker, *unit, orientation)
     if out.exists() and out != Path(start):
         raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")

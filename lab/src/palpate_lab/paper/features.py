@@ -103,7 +103,8 @@ def keypoints_of(network: KeypointNetwork, images: Images) -> tuple[Array, Array
     """
     network.eval()
     of_object = torch.tensor([[1, 0, 0, 0], [0, 1, 1, 0], [0, 1, 1, 0], [0, 0, 0, 1]], dtype=torch.float32)
-    points, classes = [np.empty((0, 2))], [np.empty((0, len(CLASSES)))]
+    points = [np.empty((0, 2))]
+    classes = [np.empty((0, len(CLASSES)))]
     with torch.no_grad():
         for begin in range(0, len(images.frame), 256):
             batch = slice(begin, begin + 256)

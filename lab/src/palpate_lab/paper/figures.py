@@ -59,7 +59,8 @@ def trajectories(tracks: Tracks) -> Figure:
 
 
 def _draw_poses(axes: Axes, recording: Recording, trial: Trial) -> None:
-    chosen, outline = np.linspace(0, len(trial.truth) - 1, 5).astype(int), recording.shape.outline()
+    chosen = np.linspace(0, len(trial.truth) - 1, 5).astype(int)
+    outline = recording.shape.outline()
     closed = np.concatenate([outline, outline[:1]])
     for poses, look in ((trial.truth, "#999999"), (trial.pose, COLOURS[trial.method])):
         axes.plot(*poses[:, :2].T, color=look, linewidth=0.8)

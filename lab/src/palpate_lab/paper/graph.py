@@ -42,13 +42,15 @@ def contact_residual(model: ContactModel, poses: Array) -> Array:
 def quasi_static_residual(model: ContactModel, poses: Array) -> Array:
     """Return the errors (..., 3) of g and e before and after a step (..., 4, 3): Eqs. 7 to 10, D V - Vp."""
     g0, e0, g1, e1 = (poses[..., k, :] for k in range(4))
-    before, after = se2.compose(e0, se2.inverse(g0)), se2.compose(e1, se2.inverse(g1))
+    before = se2.compose(e0, se2.inverse(g0))
+    after = se2.compose(e1, se2.inverse(g1))
     vx, vy, omega = np.moveaxis(se2.log(se2.between(before, after)), -1, 0)
     _, p = contact_point(model, g1)
     # The material point of the sensor that is in contact, before the step, in the object frame after it.
     came_from = se2.transform(se2.between(after, se2.compose(e0, se2.between(e1, after))), p)
     pushed = p - came_from
-    px, py = p[..., 0], p[..., 1]
+    px = p[..., 0]
+    py = p[..., 1]
     rows = (
         vx - omega * py - pushed[..., 0],
         vy + omega * px - pushed[..., 1],
@@ -63,7 +65,8 @@ def tactile_error(earlier: Indices, later: Indices, error: Array) -> float:
     Factors are between frames of the episode, counted from 0, and their errors (P,) [rad]. Factors share images and
     errors last, so a deviation of single pairs would promise too much.
     """
-    rows, pairs = np.zeros((len(error), later.max() + 1)), np.arange(len(error))
+    rows = np.zeros((len(error), later.max() + 1))
+    pairs = np.arange(len(error))
     rows[pairs, later] += 1.0
     rows[pairs, earlier] -= 1.0
     covariance = np.linalg.inv(rows[:, 1:].T @ rows[:, 1:])  # the first frame is the reference
@@ -75,7 +78,8 @@ class Tracker:
 
     def __init__(self, model: ContactModel, first_pose: Array) -> None:
         self._model = model
-        self.pose, self.covariance = first_pose, np.diag(np.square(CAPTURE))
+        self.pose = first_pose
+        self.covariance = np.diag(np.square(CAPTURE))
         self.steps = 0
         """Frames in the graph of this episode; 0 begins one, for which the object rests where it was estimated."""
         self._isam = gtsam.ISAM2()
@@ -85,7 +89,9 @@ class Tracker:
 
         If iSAM2 cannot solve it the estimate is kept, and the next frame begins a graph from it.
         """
-        t, graph, values = self.steps, gtsam.NonlinearFactorGraph(), gtsam.Values()
+        t = self.steps
+        graph = gtsam.NonlinearFactorGraph()
+        values = gtsam.Values()
         if t == 0:
             self._isam = _isam2()
             guess = se2.between(self.pose, sensor_pose)
@@ -105,7 +111,8 @@ class Tracker:
         graph.push_back(_factor([G(t)], partial(contact_residual, self._model), sigmas))
         for back, turn in turns:
             if back <= t:
-                measured, noise = gtsam.Pose2(0.0, 0.0, turn), _sigmas((1.0, 1.0, sigma))  # x and y do not count
+                measured = gtsam.Pose2(0.0, 0.0, turn)
+                noise = _sigmas((1.0, 1.0, sigma))  # x and y do not count
                 graph.push_back(gtsam.BetweenFactorPose2(G(t - back), G(t), measured, noise))
         try:
             self._isam.update(graph, values)
@@ -116,7 +123,8 @@ class Tracker:
             self.steps = 0
             return
         turned = se2.adjoint(g)
-        self.pose, self.covariance = se2.compose(e, se2.inverse(g)), turned @ (of_g + of_e) @ turned.T
+        self.pose = se2.compose(e, se2.inverse(g))
+        self.covariance = turned @ (of_g + of_e) @ turned.T
         self.steps += 1
 
 
@@ -133,7 +141,9 @@ def track_episodes(
     Return poses (N, 3), covariances (N, 3, 3) and the time of each step (N,) [ms].
     """
     tracker = Tracker(model, first_pose)
-    poses, covariances, took = [], [], []
+    poses = []
+    covariances = []
+    took = []
     for t, pose in enumerate(sensor_pose):
         begin = time.perf_counter()
         if episode[t] < 0 or (t and episode[t] != episode[t - 1]):
@@ -160,7 +170,8 @@ def _factor(keys: Sequence[int], residual: object, sigmas: Sequence[float]) -> g
     count = 3 * len(keys)
     steps = np.zeros((1 + 2 * count, len(keys), 3))
     for k in range(count):
-        steps[1 + 2 * k, k // 3, k % 3], steps[2 + 2 * k, k // 3, k % 3] = 1e-6, -1e-6
+        steps[1 + 2 * k, k // 3, k % 3] = 1e-6
+        steps[2 + 2 * k, k // 3, k % 3] = -1e-6
     moves = se2.exp(steps)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:

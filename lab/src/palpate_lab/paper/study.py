@@ -88,12 +88,14 @@ def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: st
     if not (out / "models.json").exists():
         _learn(out, settings, bar, workers, dask)
     files = find_recordings(out / "test")
-    by, how = partial(_tracked, out=out.resolve()), StudySettings(MODES)
+    by = partial(_tracked, out=out.resolve())
+    how = StudySettings(MODES)
     with bar("tracking", len(files) * len(MODES)) as progress:
         study = run_study(files, out / "tracks", how, workers, dask, True, progress, by)
     for (name, mode), why in study.failed.items():
         raise EstimationError(f"{out / 'test' / name}: cannot be tracked by {mode}: {why}")
-    models, rows = read_json(out / "models.json"), table(study.trials, MODES)[ALL]
+    models = read_json(out / "models.json")
+    rows = table(study.trials, MODES)[ALL]
     results = {
         "table2": models["table2"],
         "tracking": {
@@ -201,7 +203,8 @@ def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) ->
     With it the turn over an episode, from these factors alone, is as uncertain as it is wrong.
     """
     earlier, later, turns = _turns(network, weights, images)
-    first, episode = np.searchsorted(images.episode, images.episode)[later], images.episode[later]
+    first = np.searchsorted(images.episode, images.episode)[later]
+    episode = images.episode[later]
     found = {"oracle": 1e-3}
     for mode in ("const", "learnt"):
         error = turns[mode] - turns["oracle"]
@@ -215,7 +218,8 @@ def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) ->
 
 def _models(out: Path) -> tuple[KeypointNetwork, Array]:
     """Return the trained auto-encoder, and the weights of the linear transform network."""
-    saved, network = torch.load(out / "model.pt", weights_only=True), KeypointNetwork()
+    saved = torch.load(out / "model.pt", weights_only=True)
+    network = KeypointNetwork()
     network.load_state_dict(saved["network"])
     return network, saved["weights"].numpy()
 
@@ -237,8 +241,10 @@ def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
     """Track a sequence in a mode."""
     if mode == "palpate":
         return track_file(path, "learnt", settings)
-    recording, sigma = load_recording(path), read_json(out / "models.json")["deviations"].get(mode, 0.0)
-    truth, episode = np.asarray(recording.object_pose), episode_numbers(np.asarray(recording.contact))
+    recording = load_recording(path)
+    sigma = read_json(out / "models.json")["deviations"].get(mode, 0.0)
+    truth = np.asarray(recording.object_pose)
+    episode = episode_numbers(np.asarray(recording.contact))
     model = contact_model(recording.shape, recording.sensor)
     turns = {} if mode == "none" else _felt(path, out)[mode]
     pose, covariance, took = track_episodes(model, recording.sensor_pose, episode, turns, truth[0], sigma)

@@ -43,7 +43,8 @@ def fit_linear(pairs: Pairs, sine: Array) -> Array:
 def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
     """Train the non-linear network: one hidden layer with ReLU, over both orders."""
     torch.manual_seed(seed)
-    rng, both = np.random.default_rng(seed), np.concatenate([expanded(pairs), expanded(reversed_pairs(pairs))])
+    rng = np.random.default_rng(seed)
+    both = np.concatenate([expanded(pairs), expanded(reversed_pairs(pairs))])
     scale = np.sqrt(np.mean(both**2, axis=0)) + 1e-9
     inputs = torch.from_numpy((both / scale).astype(np.float32))
     wanted = torch.from_numpy(np.concatenate([sine, -sine]).astype(np.float32))
@@ -77,5 +78,6 @@ def fit_all(engineered: Pairs, learnt: Pairs, sine: Array, seed: int) -> dict[st
 
 def validation_loss(predict: Predict, pairs: Pairs, sine: Array) -> float:
     """Return the loss of Table II: half of the mean square error of the sine, over both orders."""
-    forward, backward = predict(pairs) - sine, predict(reversed_pairs(pairs)) + sine
+    forward = predict(pairs) - sine
+    backward = predict(reversed_pairs(pairs)) + sine
     return float(0.25 * (np.mean(forward**2) + np.mean(backward**2)))

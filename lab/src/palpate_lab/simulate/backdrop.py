@@ -70,7 +70,8 @@ def draw_no_contact(
     image += tint[0] + tint[1] * up[..., None] / up[0, 0] + (tint[2] - 0.12) * right[..., None]
     image += rng.uniform(0.03, 0.12) * np.stack([_cloud((height, width), 5, rng) for _ in range(3)], axis=-1)
     image *= (1.0 - rng.uniform(0.05, 0.25) * (right**2 + up**2) / (1.0 + up[0, 0] ** 2))[..., None]
-    mean, spread = rng.uniform(*kind.mean), rng.uniform(*kind.spread)
+    mean = rng.uniform(*kind.mean)
+    spread = rng.uniform(*kind.spread)
     image = mean + spread * (image - image.mean(axis=(0, 1))) / image.std(axis=(0, 1))
     image = np.maximum(image, 28.0 + 0.15 * image)  # stray light: nothing is black
     least, most = GRAIN_RADIUS

@@ -46,7 +46,8 @@ def draw_side(rng: np.random.Generator) -> Side:
 
     Two in five are round from rim to rim, as bottles and balls are, with a radius of 4 to 100 mm.
     """
-    middle, thickness = rng.uniform(-0.005, 0.005), rng.uniform(0.008, 0.03)
+    middle = rng.uniform(-0.005, 0.005)
+    thickness = rng.uniform(0.008, 0.03)
     tilt, roll = rng.normal(0.0, math.radians(3.0), 2).tolist()
     bulge = math.exp(rng.uniform(math.log(10.0), math.log(250.0))) if rng.random() < 0.4 else 0.0
     return Side(middle - 0.5 * thickness, middle + 0.5 * thickness, tilt, roll, bulge)
@@ -67,7 +68,8 @@ def render(
     pad, () or (N,) [m]; there is no contact at 0 and below. shear is the force of the object on the gel along the
     sensor's y [N]. Camera noise is added if there is an rng.
     """
-    poses, depth = np.asarray(sensor_in_object, dtype=np.float64), np.asarray(indentation, dtype=np.float64)
+    poses = np.asarray(sensor_in_object, dtype=np.float64)
+    depth = np.asarray(indentation, dtype=np.float64)
     if poses.ndim == 2:
         many = zip(poses, np.broadcast_to(depth, len(poses)), strict=True)
         return np.stack([render(unit, shape, *each, shear, rng, side) for each in many])
@@ -92,11 +94,14 @@ def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, i
 @compiled
 def _rounded(overlap: Image, within: Image, fillet: np.float32) -> Image:
     """Join the depths below the side and below the rim in a quarter circle of this radius [m]."""
-    found, zero = np.empty_like(overlap), np.float32(0.0)
+    found = np.empty_like(overlap)
+    zero = np.float32(0.0)
     for row in range(overlap.shape[0]):
         for column in range(overlap.shape[1]):
-            a, b = overlap[row, column], within[row, column]
-            x, y = max(fillet - a, zero), max(fillet - b, zero)
+            a = overlap[row, column]
+            b = within[row, column]
+            x = max(fillet - a, zero)
+            y = max(fillet - b, zero)
             rounded = fillet - np.float32(math.sqrt(np.float64(x) * x + np.float64(y) * y))
             found[row, column] = max(rounded + max(min(a, b) - fillet, zero), zero)
     return found
@@ -175,7 +180,8 @@ def _lit(
     shadow: Image,
 ) -> Image:
     """Return the change of each light on the gel, (height, width, 3), by its slopes to the right and down."""
-    lit, one = np.empty_like(shadow), np.float32(1.0)
+    lit = np.empty_like(shadow)
+    one = np.float32(1.0)
     for row in range(right.shape[0]):
         for column in range(right.shape[1]):
             a = rest_right[row, column] - right[row, column]
@@ -191,7 +197,8 @@ def _lit(
 @compiled
 def _add_fold(difference: Image, response: Image, height: Image, surroundings: Image, strength: np.float32) -> None:
     """Apply the camera's response, and a fold at the contact's rim: up to 60 grey levels darker, over 0.8 mm."""
-    one, most = np.float32(1.0), np.float32(60.0)
+    one = np.float32(1.0)
+    most = np.float32(60.0)
     for row in range(height.shape[0]):
         for column in range(height.shape[1]):
             fold = strength * (height[row, column] - surroundings[row, column])
@@ -239,7 +246,8 @@ def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
 
     y, z = unit.place
     beyond = np.sign(y) * np.maximum(np.abs(y) - np.float32(0.5 * unit.flat_width), 0.0)
-    right, up = -beyond / np.float32(unit.radius), -z / np.float32(unit.length_radius)
+    right = -beyond / np.float32(unit.radius)
+    up = -z / np.float32(unit.length_radius)
     shrink = 1.0 / np.sqrt(right * right + up * up + 1.0)
     light = unit.light.astype(np.float32)[:, :, None, None]
     lit = np.maximum((light[:, 0] * right + light[:, 1] * up + light[:, 2]) * shrink, 0.0)
@@ -281,14 +289,17 @@ def _marker_transmission(
 
 def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
     """Return the least signed distance of the pad from the outline in the sensor's plane, to a micrometre [m]."""
-    low, high, nearest = -unit.half_width, unit.half_width, math.inf
+    low = -unit.half_width
+    high = unit.half_width
+    nearest = math.inf
     for _ in range(2):
         y = np.linspace(low, high, 201)
         points = np.stack([-unit.sag(y), y], axis=-1)
         distance = shape.signed_distance(se2.transform(object_T_sensor, points))
         best = int(distance.argmin())
         nearest = min(nearest, float(distance[best]))
-        low, high = y[max(best - 1, 0)], y[min(best + 1, 200)]
+        low = y[max(best - 1, 0)]
+        high = y[min(best + 1, 200)]
     return nearest
 
 
@@ -305,7 +316,9 @@ def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image, Image]
     beside = y - np.float32(math.tan(side.roll)) * off  # of a side that leans, the place that is at this pixel
     back = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z + np.float32(0.5 * side.bulge) * off * off
     back = back - back[(z > side.below) & (z < side.above)].min() + unit.sag(y) - unit.sag(beside)
-    step, apart, most = 0.5 * unit.pitch, 1e-4, 2.5e-3  # [m] between columns and between levels, and beyond all touch
+    step = 0.5 * unit.pitch
+    apart = 1e-4
+    most = 2.5e-3  # [m] between columns and between levels, and beyond all touch
     back = np.minimum(back, np.float32(most))
     across = np.arange(float(beside.min()), float(beside.max()) + 2.0 * step, step)
     first = math.floor(float(back.min()) / apart)

@@ -98,8 +98,11 @@ class Surroundings:
         reach = np.hypot(*(shape.outline(200) - shape.centroid).T).max()
         self.radius = float(reach) + sensor.radius + 0.5 * sensor.width + 0.03
         """[m]"""
-        self._shape, self._rate, self._parts = shape, sensor.rate, sensor.round_centers
-        self._middle, self._center = np.append(shape.centroid, 0.0), np.append(sensor.center, 0.0)
+        self._shape = shape
+        self._rate = sensor.rate
+        self._parts = sensor.round_centers
+        self._middle = np.append(shape.centroid, 0.0)
+        self._center = np.append(sensor.center, 0.0)
 
     def start(self, touch: Touch, object_pose: Array) -> Array:
         """Return world_T_sensor (3,) on the circle, from which a straight line leads to a contact."""
@@ -126,13 +129,15 @@ class Surroundings:
         """Return the shorter path round the object to a pose, at 0.25 m/s and 2 rad/s."""
         middle = se2.compose(object_pose, self._middle)[:2]
         a, b = (se2.compose(pose, self._center)[:2] - middle for pose in (sensor_pose, goal))
-        far_a, far_b = np.hypot(*a), np.hypot(*b)
+        far_a = np.hypot(*a)
+        far_b = np.hypot(*b)
         angle = np.arctan2(a[1], a[0])
         turn = se2.wrap(float(np.arctan2(b[1], b[0]) - angle))
         yaw_turn = se2.wrap(float(goal[2] - sensor_pose[2]))
         length = abs(turn) * self.radius + abs(far_b - far_a)
         part = minimum_jerk(self._frames(max(length / 0.25, abs(yaw_turn) / 2.0)))
-        far, angle = far_a + part * (far_b - far_a), angle + part * turn
+        far = far_a + part * (far_b - far_a)
+        angle = angle + part * turn
         yaw = sensor_pose[2] + part * yaw_turn
         center = np.column_stack((middle[0] + far * np.cos(angle), middle[1] + far * np.sin(angle), yaw))
         return se2.compose(center, -self._center)

@@ -91,7 +91,9 @@ class _Knocks:
     """Draws the knocks of a sequence of pushes; without a generator there are none."""
 
     def __init__(self, shape: Shape, sensor: SensorProfile, rng: np.random.Generator | None) -> None:
-        self._shape, self._sensor, self._rng = shape, sensor, rng
+        self._shape = shape
+        self._sensor = sensor
+        self._rng = rng
         self._kind = kinds(shape)[0]  # anywhere round it, or on its edges: a finger slips off a corner
         self._lever = 0.3 * np.sqrt(shape.area / np.pi)
         self._count = 0
@@ -134,7 +136,8 @@ class _Knocks:
         """Check that a finger of radius 8 mm fits at a point of the outline, 15 mm off the gel, and turns it."""
         heading = direction - float(world.object_pose[2])
         forward = unit_vector(heading)
-        arm, finger = point - self._shape.centroid, point - 0.008 * forward
+        arm = point - self._shape.centroid
+        finger = point - 0.008 * forward
         gel = self._sensor.radius + 0.5 * self._sensor.width
         room = float(np.hypot(*(se2.transform(world.object_pose, finger) - self._gel(world)))) - gel
         return bool(
@@ -157,7 +160,10 @@ class _Robot:
     ) -> None:
         self.left = frames
         self.motions: list[Motion] = []
-        self._world, self._hand, self._rng, self._rate = world, hand, rng, sensor.rate
+        self._world = world
+        self._hand = hand
+        self._rng = rng
+        self._rate = sensor.rate
         self._turn_after, self._pad_end = np.radians((5.0, 12.0) if sensor.width else (20.0, 30.0))
 
     def go(self, path: Array) -> Motion:
@@ -172,13 +178,19 @@ class _Robot:
 
         The hand shoves the object at the frame `knocked`, or as the sensor stops if that is earlier.
         """
-        rng, rate, ramp = self._rng, self._rate, round(0.3 * self._rate)  # frames to start and to stop
+        rng = self._rng
+        rate = self._rate
+        ramp = round(0.3 * self._rate)  # frames to start and to stop
         speed = float(np.exp(rng.uniform(*np.log((0.010, 0.040)))))
         curvature = rng.uniform(-5.0, 5.0) if rng.uniform() < 0.5 else 0.0  # [1/m]
         turn = curvature * speed + rng.uniform(-0.1, 0.1)
         heading = float(self._world.object_pose[2]) + touch.heading
-        pose, end, step = self._world.sensor_pose, frames, 0
-        touched, lost, angle = False, 0, 0.0
+        pose = self._world.sensor_pose
+        end = frames
+        step = 0
+        touched = False
+        lost = 0
+        angle = 0.0
         while step < end and self.left:
             if knocked is not None and step >= min(knocked, end - ramp):
                 self._hand.in_push(self._world)
@@ -191,8 +203,11 @@ class _Robot:
             pose = pose + pace / rate * np.append(velocity, turn + after)
             motion = self.go(pose[None])
             if motion.contact[0]:
-                touched, lost, angle = True, 0, float(motion.pad_angle[0])
+                touched = True
+                lost = 0
+                angle = float(motion.pad_angle[0])
             else:
-                lost, angle = lost + 1, 0.0
+                lost = lost + 1
+                angle = 0.0
             if (touched and lost > 0.3 * rate) or abs(angle) > self._pad_end:
                 end = min(end, step + ramp)

@@ -94,11 +94,14 @@ class Simulation:
         errors = None if self.ideal else draw_errors(systematic, self.unit)
         unit = draw_unit(self.sensor, unit_seed)
         gel = replace(self.sensor, radius=unit.radius)
-        hand, drift = shoves if self.knocks else None, errors.gel_drift if errors else (0.0, 0.0)
+        hand = shoves if self.knocks else None
+        drift = errors.gel_drift if errors else (0.0, 0.0)
         motion = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
-        time, images = np.arange(len(motion.contact)) / gel.rate, None
+        time = np.arange(len(motion.contact)) / gel.rate
+        images = None
         if self.images:
-            images, side = [], draw_side(camera)
+            images = []
+            side = draw_side(camera)
             poses = se2.between(motion.object_pose, motion.sensor_pose)
             units = worn(unit, errors, time) if errors else [unit] * len(time)
             for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):

@@ -62,7 +62,8 @@ class Replay:
     @property
     def source(self) -> str:
         """Description of the replay's origin, with all that is needed to make it again."""
-        real, unit = self.recording.source or self.recording.file or "a recording", self._seeds()[0]
+        real = self.recording.source or self.recording.file or "a recording"
+        unit = self._seeds()[0]
         return f"motion of {real}; touch rendered by palpate: seed {self.seed}, drawn images of unit {unit}"
 
     def run(self) -> Recording:
@@ -71,7 +72,8 @@ class Replay:
         Raises SettingError, which names file and frames, for a motion that cannot be rendered: unknown object poses or
         contact, a gel that does not reach the contact, or a contact off its pad.
         """
-        recording, (unit_seed, *seeds) = self.recording, self._seeds()
+        recording = self.recording
+        (unit_seed, *seeds) = self._seeds()
         draws, camera = (np.random.default_rng(each) for each in seeds)
         gel = draw_unit(DIGIT, unit_seed)
         motion, known = real_motion(recording)
@@ -145,8 +147,11 @@ def real_motion(recording: Recording) -> tuple[Recording, Flags]:
     pose = _bridged(recording)
     there = np.flatnonzero(~np.isnan(pose[:, 0]))
     span = slice(there[0], there[-1] + 1)
-    time, sensor_pose, object_pose = recording.time[span], recording.sensor_pose[span], pose[span]
-    known, contact = ~np.isnan(recording.object_pose[span, 0]), recording.contact[span]
+    time = recording.time[span]
+    sensor_pose = recording.sensor_pose[span]
+    object_pose = pose[span]
+    known = ~np.isnan(recording.object_pose[span, 0])
+    contact = recording.contact[span]
     if not contact.any():
         raise SettingError(f"{name}: the object's pose is unknown in all of its contacts")
     rest = 0.6  # [s], a little more than the detector of contact needs to see the gel
@@ -192,7 +197,8 @@ def sliding(motion: Recording, touched: Touched) -> Array:
     assert motion.object_pose is not None and motion.contact is not None
     object_T_sensor = se2.between(motion.object_pose, motion.sensor_pose)
     step = se2.compose(object_T_sensor[:-1], se2.inverse(object_T_sensor[1:]))
-    point, normal = touched.point[1:], touched.normal[1:]
+    point = touched.point[1:]
+    normal = touched.normal[1:]
     along = np.column_stack((normal[:, 1], -normal[:, 0]))
     speed = np.append(0.0, ((se2.transform(step, point) - point) * along).sum(axis=1) / np.diff(motion.time))
     slip = np.zeros(len(speed))
@@ -206,7 +212,9 @@ def sliding(motion: Recording, touched: Touched) -> Array:
 def _bridged(recording: Recording) -> Array:
     """Return object poses (N, 3), unknown ones bridged; NaN at either end if they cannot be."""
     assert recording.object_pose is not None and recording.contact is not None
-    time, pose, n = recording.time, recording.object_pose.copy(), len(recording)
+    time = recording.time
+    pose = recording.object_pose.copy()
+    n = len(recording)
     longest = 1.6 if len(recording.sensor.tips) > 1 else 0.12  # [s] from known pose to known pose
     for first, last in flag_runs(~recording.contact):
         # An untouched object rests, from its pose after the last contact to that before the next.
@@ -218,7 +226,8 @@ def _bridged(recording: Recording) -> Array:
         if first == 0 or last == n - 1:
             continue
         end = last + 1
-        before, seconds = first - 1, time[end] - time[first - 1]
+        before = first - 1
+        seconds = time[end] - time[first - 1]
         if seconds > longest:
             raise SettingError(
                 f"{recording.file or 'the recording'}: frames {first} to {end - 1}, in contact, have no known object "
@@ -237,19 +246,24 @@ def _on_the_gel(motion: Recording, angle: Array, unit: SensorUnit, rng: np.rando
     worlds and slowly varies by 10 %; the gel is pressed in over 4 frames, and released.
     """
     assert motion.contact is not None
-    tip, time, contact, depth = motion.sensor, motion.time, motion.contact, np.zeros(len(motion))
+    tip = motion.sensor
+    time = motion.time
+    contact = motion.contact
+    depth = np.zeros(len(motion))
     holds: list[tuple[int, int]] = []
     for first, last in flag_runs(contact):
         if holds and time[first] - time[holds[-1][1]] < 1.0:  # too short a pause to turn the sensor in
             first = holds.pop()[0]
         holds.append((first, last))
     rolled = tip.radius / unit.radius * np.unwrap(angle)
-    begin_limit, limit = np.radians(12.0), np.radians(20.0)
+    begin_limit = np.radians(12.0)
+    limit = np.radians(20.0)
     knots: list[tuple[float, float]] = []
     for first, last in holds:
         touching = first + np.flatnonzero(contact[first : last + 1])
         way = rolled[touching] - rolled[first]
-        low, high = -limit - way.min(), limit - way.max()
+        low = -limit - way.min()
+        high = limit - way.max()
         begin = rng.uniform(-begin_limit, begin_limit)
         begin = 0.5 * (low + high) if low > high else np.clip(begin, low, high)
         knots += [(time[first], begin - rolled[first]), (time[last], begin - rolled[first])]

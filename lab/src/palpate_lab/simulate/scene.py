@@ -62,9 +62,11 @@ def _draw_feet(shape: Shape, rng: np.random.Generator) -> Array:
     import shapely
 
     count = 20
-    outline, centroid = shape.outline(400), shape.centroid
+    outline = shape.outline(400)
+    centroid = shape.centroid
     inner = centroid + 0.95 * (outline - centroid)
-    low, high = outline.min(axis=0), outline.max(axis=0)
+    low = outline.min(axis=0)
+    high = outline.max(axis=0)
     # The centre of mass must be well inside the feet's hull.
     support = shapely.Point(centroid).buffer(0.3 * np.sqrt(shape.area / np.pi))
     rim_share = rng.uniform(0.0, 1.0)
@@ -150,7 +152,9 @@ def _is_convex(polygon: Any) -> Any:
 
 def _add_pusher(mujoco: Any, spec: Any, centers: Array, radii: Array) -> None:
     pusher = spec.worldbody.add_body(name="pusher", pos=[0, 0, _FOOT_RADIUS + 0.5 * _HEIGHT], gravcomp=1.0)
-    pusher.explicitinertial, pusher.mass, pusher.inertia = True, 1.0, [1e-3, 1e-3, 1e-3]
+    pusher.explicitinertial = True
+    pusher.mass = 1.0
+    pusher.inertia = [1e-3, 1e-3, 1e-3]
     slide = mujoco.mjtJoint.mjJNT_SLIDE
     for kind, axis in ((slide, [1, 0, 0]), (slide, [0, 1, 0]), (mujoco.mjtJoint.mjJNT_HINGE, [0, 0, 1])):
         pusher.add_joint(type=kind, axis=axis, armature=1e4)  # so heavy that contact does not slow it down
@@ -167,7 +171,8 @@ def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, p
     x, y, theta = pose.tolist()
     body = spec.worldbody.add_body(name="object", pos=[x, y, 0], quat=[np.cos(theta / 2), 0, 0, np.sin(theta / 2)])
     body.add_freejoint()
-    geom, half = mujoco.mjtGeom, 0.5 * _HEIGHT
+    geom = mujoco.mjtGeom
+    half = 0.5 * _HEIGHT
     parts: list[dict[str, Any]]
     if isinstance(shape, Disc):
         parts = [{"type": geom.mjGEOM_CYLINDER, "size": [shape.radius, half, 0], "mass": settings.mass}]
@@ -175,7 +180,8 @@ def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, p
         size = [0.5 * shape.size_x, 0.5 * shape.size_y, half]
         parts = [{"type": geom.mjGEOM_BOX, "size": size, "mass": settings.mass}]
     else:
-        outlines, parts = convex_parts(shape), []
+        outlines = convex_parts(shape)
+        parts = []
         areas = np.array([_area(outline) for outline in outlines])
         for i, (outline, share) in enumerate(zip(outlines, areas / areas.sum(), strict=True)):
             prism = np.column_stack((np.repeat(outline, 2, axis=0), np.tile([-half, half], len(outline))))

@@ -49,7 +49,8 @@ class Mark:
         if not self.length:
             return grain(size, at, self.width)[..., None] * np.array(self.levels)
         down, right = np.ogrid[: size[0], : size[1]]
-        down, right = down - at[0], right - at[1]
+        down = down - at[0]
+        right = right - at[1]
         across = np.cos(self.angle) * right + np.sin(self.angle) * down
         along = np.cos(self.angle) * down - np.sin(self.angle) * right
         inside = (np.abs(across) < 0.5 * self.width) & (np.abs(along) < 0.5 * self.length * size[1])
@@ -92,7 +93,8 @@ def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpError
         return float(np.sqrt((low * low + low * high + high * high) / 3.0))  # of a uniform distribution
 
     light, marks = draw_wear(rng.spawn(1)[0])  # a generator of its own: later draws from rng do not depend on the wear
-    near, turned = (2e-3, 5e-3), (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
+    near = (2e-3, 5e-3)
+    turned = (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
     drift = 0.2 / WARM_UP
     errors = SetUpErrors(
         mounting=offset(1e-3, np.radians(1.0)),
@@ -118,10 +120,12 @@ def draw_wear(rng: np.random.Generator) -> tuple[Array, tuple[Mark, ...]]:
         when, row, column, angle = rng.uniform((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, math.pi)).tolist()
         if rng.random() < 0.5:
             red, green, blue = rng.uniform(*GRAIN_LEVELS, 3).tolist()
-            width, length = rng.uniform(*GRAIN_RADIUS), 0.0
+            width = rng.uniform(*GRAIN_RADIUS)
+            length = 0.0
         else:
             red = green = blue = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
-            width, length = rng.uniform(2.0, 4.0), rng.uniform(0.1, 0.5)  # no finer than the coating of 0.15 mm
+            width = rng.uniform(2.0, 4.0)
+            length = rng.uniform(0.1, 0.5)  # no finer than the coating of 0.15 mm
         marks.append(Mark(when, (row, column), width, length, angle, (red, green, blue)))
     return light / WARM_UP, tuple(marks)
 
@@ -133,10 +137,12 @@ def worn(unit: SensorUnit, errors: SetUpErrors, time: Array) -> Iterator[SensorU
     """
     lit = np.maximum(np.tensordot(unit.illumination, unit.colour, axes=(0, 0)), 1e-6)
     marks = [(mark.when * float(time[-1]), mark.image(lit.shape[:2])) for mark in errors.marks]
-    now, last = unit, -1
+    now = unit
+    last = -1
     for step in (time / 0.5).astype(int).tolist():  # in half a second no light changes by a grey level
         if step != last:
-            last, seconds = step, 0.5 * step
+            last = step
+            seconds = 0.5 * step
             colour = (1.0 + errors.light * min(seconds, WARM_UP))[:, None] * unit.colour
             image = unit.no_contact * (np.tensordot(unit.illumination, colour, axes=(0, 0)) / lit)
             for when, mark in marks:

@@ -77,7 +77,8 @@ class SensorUnit:
         height, width = self.no_contact.shape[:2]
         right = (np.arange(width) - 0.5 * (width - 1)) * self.pitch
         up = (0.5 * (height - 1) - np.arange(height)[:, None]) * self.pitch
-        cos, sin = math.cos(self.roll), math.sin(self.roll)
+        cos = math.cos(self.roll)
+        sin = math.sin(self.roll)
         y = self.offset[0] + cos * right - sin * up
         z = self.offset[1] + sin * right + cos * up
         return np.stack([y, z]).astype(np.float32)
@@ -104,7 +105,8 @@ class SensorUnit:
         """
         if self.flat_width:
             return pad_angle
-        y, z = self.radius * np.sin(pad_angle) - self.offset[0], -self.offset[1]
+        y = self.radius * np.sin(pad_angle) - self.offset[0]
+        z = -self.offset[1]
         pixels = (math.cos(self.roll) * y + math.sin(self.roll) * z) / self.pitch
         place = pixels * 2.0 * self.half_width / self.no_contact.shape[1] / self.profile.radius
         return np.arcsin(np.clip(place, -1.0, 1.0))  # clipped beyond the gel's side
@@ -122,7 +124,9 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     The gel's radii are those fitted to the published DIGIT mesh: 19.5 to 22 mm across and 87 to 180 mm along for 21 mm.
     A flat gel is flat to a tenth of a millimetre along the pad, and its edges are less or more round.
     """
-    height, half_width, pitch = profile.image_height, profile.half_width, profile.pixel_pitch
+    height = profile.image_height
+    half_width = profile.half_width
+    pitch = profile.pixel_pitch
     flat = profile.flat_width
     if not height or pitch is None or half_width is None or not 0.0 < half_width - 0.5 * flat <= profile.radius:
         found = f"sensor {profile.name!r} has {height} rows, radius {profile.radius} m and half_width {half_width}"

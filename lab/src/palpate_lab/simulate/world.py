@@ -86,11 +86,15 @@ class World:
         self._model.opt.timestep = 1.0 / sensor.rate / self._steps
         names = [self._model.geom(i).name for i in range(self._model.ngeom)]
         self._is_gel = np.array([name.startswith("gel") for name in names])
-        self._settings, self._age = settings, 0
+        self._settings = settings
+        self._age = 0
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
-        self._shove, self._finger = Shove(np.zeros(2), 0.0, 0.0, 0.0), deque[tuple[float, float]]()
-        self._sensor, self._rate, self._velocity = sensor, sensor.rate, np.zeros(3)
+        self._shove = Shove(np.zeros(2), 0.0, 0.0, 0.0)
+        self._finger = deque[tuple[float, float]]()
+        self._sensor = sensor
+        self._rate = sensor.rate
+        self._velocity = np.zeros(3)
         self.sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
         """world_T_sensor now, (3,) [m, m, rad]."""
         self.run(np.repeat(self.sensor_pose[None], int(0.4 * sensor.rate), axis=0))  # 0.4 s to settle
@@ -104,7 +108,8 @@ class World:
     def shove(self, shove: Shove) -> None:
         """Begin a shove of the object at its present pose; it goes on during `run`, independent of the sensor."""
         start = se2.transform(self.object_pose, shove.point)
-        self._shove, self._finger = shove, deque(shove.path(start, self._model.opt.timestep))
+        self._shove = shove
+        self._finger = deque(shove.path(start, self._model.opt.timestep))
 
     def run(self, sensor_poses: ArrayLike) -> Motion:
         """Move the sensor from its present pose through poses (N, 3) [m, m, rad], one per frame; return the motion.
@@ -114,8 +119,11 @@ class World:
         """
         poses = np.asarray(sensor_poses, dtype=np.float64)
         path, velocity = self._interpolated(poses)
-        data, model, step = self._data, self._model, self._mujoco.mj_step
-        qpos, qvel = data.qpos, data.qvel
+        data = self._data
+        model = self._model
+        step = self._mujoco.mj_step
+        qpos = data.qpos
+        qvel = data.qvel
         rows = np.zeros((len(path) // self._steps, 10))
         for frame in range(len(rows)):
             self._drift()
@@ -137,7 +145,8 @@ class World:
 
     def _drift(self) -> None:
         """Set friction and stiffness of the gel for the next frame."""
-        settings, seconds = self._settings, self._age / self._rate
+        settings = self._settings
+        seconds = self._age / self._rate
         self._age += 1
         if any(settings.gel_drift) and seconds <= WARM_UP:
             friction, stiffness = (1.0 + rate * seconds for rate in settings.gel_drift)
@@ -153,10 +162,12 @@ class World:
             return np.empty((0, 3)), np.empty((0, 3))
         slopes = np.gradient(knots, 1.0 / self._rate, axis=0)
         slopes[0] = self._velocity
-        self.sensor_pose, self._velocity = knots[-1], slopes[-1]
+        self.sensor_pose = knots[-1]
+        self._velocity = slopes[-1]
         spline = CubicHermiteSpline(np.arange(len(knots)) / self._rate, knots, slopes)
         at = np.arange((len(knots) - 1) * self._steps) * self._model.opt.timestep
-        pose, rate = spline(at), spline(at, 1)
+        pose = spline(at)
+        rate = spline(at, 1)
         # The joints move the gel's centre of curvature.
         arm = self._sensor.center * np.ones((len(at), 1))
         lever = se2.transform(np.column_stack((np.zeros((len(at), 2)), pose[:, 2])), arm)
@@ -176,19 +187,26 @@ class World:
         place, speed = self._finger.popleft()
         direction = unit_vector(self._shove.direction)
         point = se2.transform(self.object_pose, self._shove.point)
-        ahead, faster = place - float(point @ direction), speed - float(self._velocity_at(point) @ direction)
+        ahead = place - float(point @ direction)
+        faster = speed - float(self._velocity_at(point) @ direction)
         force = min(max(2000.0 * ahead + 40.0 * faster, 0.0), 15.0) * direction
         x, y = point - se2.transform(self.object_pose, self._middle)
-        self._applied[:2], self._applied[5] = force, x * force[1] - y * force[0]
+        self._applied[:2] = force
+        self._applied[5] = x * force[1] - y * force[0]
         return bool(force.any())
 
     def _touch(self) -> tuple[float, float, float, float, float, float]:
         """Return contact, normal and tangential force, slip, indentation and pad angle."""
-        data, contacts = self._data, self._data.contact
+        data = self._data
+        contacts = self._data.contact
         touching = np.flatnonzero(self._is_gel[contacts.geom].any(axis=1) & (contacts.efc_address >= 0))
         if not len(touching):
             return 0.0, 0.0, 0.0, 0.0, 0.0, np.nan
-        depth, slip, angle, normal_sum, tangent_sum = -np.inf, 0.0, np.nan, 0.0, 0.0
+        depth = -np.inf
+        slip = 0.0
+        angle = np.nan
+        normal_sum = 0.0
+        tangent_sum = 0.0
         yaw = float(data.qpos[2])
         force = np.zeros(6)
         for i in touching:
@@ -212,6 +230,7 @@ class World:
 
     def _velocity_at(self, point: Array) -> Array:
         """Return the velocity of the object (2,) [m/s] at a point."""
-        qpos, qvel = self._data.qpos, self._data.qvel
+        qpos = self._data.qpos
+        qvel = self._data.qvel
         x, y = point[:2] - qpos[4:6]
         return qvel[4:6] + qvel[9] * np.array([-y, x])

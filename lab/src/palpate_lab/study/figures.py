@@ -93,7 +93,9 @@ def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", P
     names = sorted({trial.group for trial in trials})
     names = [ALL, *names] if len(names) > 1 else names
     count = math.ceil(len(names) / 8)  # rows of groups, which are short enough for a screen
-    down, across, panels = rows * count, math.ceil(len(names) / count), Panels()
+    down = rows * count
+    across = math.ceil(len(names) / count)
+    panels = Panels()
     figure = Figure(figsize=(3.3 * max(across, 2), 2.7 * down + 0.5), layout="constrained")
     grid = figure.subplots(down, across, squeeze=False, **share)
     columns = grid.reshape(-1, rows, across).swapaxes(1, 2).reshape(-1, rows)
@@ -124,6 +126,7 @@ def _quartiles(trials: Sequence[Trial], quantity: Callable[[Trial], Array]) -> t
         frame = np.searchsorted(since, instants).clip(0, len(since) - 1)
         is_there = (instants <= since[-1]) & (frame >= np.argmax(trial.contact))
         rows.append(np.where(is_there, quantity(trial)[frame], np.nan))
-    enough, found = np.isfinite(rows).mean(axis=0) >= 0.5, np.full((3, len(instants)), np.nan)
+    enough = np.isfinite(rows).mean(axis=0) >= 0.5
+    found = np.full((3, len(instants)), np.nan)
     found[:, enough] = np.nanpercentile(np.array(rows)[:, enough], (25.0, 50.0, 75.0), axis=0)
     return instants, found

@@ -173,7 +173,9 @@ def run_study(
 
 def described(settings: StudySettings) -> dict[str, Any]:
     """Return the settings of a study as plain data."""
-    tracker, model, file = settings.tracker, settings.model, settings.calibration and settings.calibration.file
+    tracker = settings.tracker
+    model = settings.model
+    file = settings.calibration and settings.calibration.file
     return {
         "palpate": palpate.__version__,
         "methods": list(settings.methods),
@@ -194,7 +196,8 @@ def flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
     """Write the settings to an empty folder, or check that those in it are the same."""
-    path, now = out / "study.json", json.loads(json.dumps(described(settings)))
+    path = out / "study.json"
+    now = json.loads(json.dumps(described(settings)))
     if not any(not each.name.startswith(".") for each in out.iterdir()):
         write_json(path, {**FORMAT, "made_with": now})
         return
@@ -203,7 +206,8 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
     found = read_json(path)
     if {key: found.get(key) for key in FORMAT} != FORMAT or not isinstance(found.get("made_with"), dict):
         raise FileError(f"{path}: is not of format {FORMAT['format']!r}, version {FORMAT['version']}")
-    old, new = dict(flat(found["made_with"])), dict(flat(now))
+    old = dict(flat(found["made_with"]))
+    new = dict(flat(now))
     for name in old | new:
         if old.get(name) != new.get(name) and name not in ("methods", "model.folder", "calibration.file"):
             change = f"{name} was {old.get(name)}, is {new.get(name)}"
@@ -222,7 +226,8 @@ def _track(
         words = " ".join(str(error).split()).removeprefix(f"{path}: ")
         words = words if isinstance(error, PalpateError) else f"{type(error).__name__}: {words}"
         return (name, method), _Failure(words, isinstance(error, SettingError | ShapeError))
-    online, truth = run.online, run.recording.truth
+    online = run.online
+    truth = run.recording.truth
     trial = Trial(
         recording=name,
         method=method,

@@ -128,7 +128,8 @@ def varied_batch(
     shift = tint + across * columns[:, None] + along * rows[:, None, None]
     difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
     shape = difference.shape[1:3]
-    lasting, passing = _clouds(groups, by.clouds[0], shape, rng), _clouds(groups * size, by.clouds[1], shape, rng)
+    lasting = _clouds(groups, by.clouds[0], shape, rng)
+    passing = _clouds(groups * size, by.clouds[1], shape, rng)
     fall = rng.normal(0.0, by.fading if sensor.flat_width else 0.0, (2, groups, 1, 1, 3)).astype(np.float32)
     fading = _tensor(fall[0] * columns[:, None] + fall[1] * rows[:, None, None])
     light = (_clouds(groups, by.light, shape, rng) + fading).exp()
@@ -177,7 +178,8 @@ def _draw_moves(
 
     Over a flat pad only corners move: the imprint of a side ends where the pad does.
     """
-    groups, step = len(chosen), _per_column(sensor)
+    groups = len(chosen)
+    step = _per_column(sensor)
     moving = rng.random(groups) < by.moved
     down = np.where(moving, rng.integers(-by.rise, by.rise + 1, groups), 0)
     if not step:
@@ -187,8 +189,10 @@ def _draw_moves(
         moving &= (samples.kind[chosen] == KINDS.index("corner")).all(axis=1)
     else:
         where = np.sin(samples.direction[chosen])
-    most, where = by.reach * COLUMNS / 2.0, sign * where / step
-    first, last = where.min(axis=1), where.max(axis=1)
+    most = by.reach * COLUMNS / 2.0
+    where = sign * where / step
+    first = where.min(axis=1)
+    last = where.max(axis=1)
     right = np.round(-most - first + rng.random(groups) * (2.0 * most - last + first))
     moving &= np.maximum(-first, last) < most  # contacts beyond the reach already stay there
     return np.where(moving, right, 0.0).astype(int), down

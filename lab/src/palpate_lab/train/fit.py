@@ -102,7 +102,8 @@ def offset_nll(error: Tensor, log_variance: Tensor, offset: float, among: Tensor
     `measurements.Turn` or `measurements.ContactCorner`. `among` (G, F) are the frames that count.
     """
     among = torch.ones_like(error) if among is None else among
-    weight, prior = torch.exp(-log_variance) * among, offset**-2.0
+    weight = torch.exp(-log_variance) * among
+    prior = offset**-2.0
     total = weight.sum(dim=1) + prior
     square = (weight * error**2).sum(dim=1) - (weight * error).sum(dim=1) ** 2 / total
     joint = square + (log_variance * among).sum(dim=1) + torch.log(total / prior)

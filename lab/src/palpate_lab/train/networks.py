@@ -18,7 +18,9 @@ MAP = (ROWS // 4, COLUMNS // 4)
 """Rows and columns of the feature map."""
 WIDTH = 16
 """Channels of the encoder. ONNX Runtime takes sixteen at a time: 24 cost as much as 32."""
-_HIDDEN, _POINTS, _REDUCED = 64, 4, 8
+_HIDDEN = 64
+_POINTS = 4
+_REDUCED = 8
 
 
 class Encoder(nn.Module):
@@ -126,7 +128,8 @@ def keypoint(activation: Tensor) -> Tensor:
 
 def gaussian(output: Tensor) -> Tensor:
     """Return outputs (B, 2 or more) whose second, a log variance, keeps that of the deviation [rad] from -6 to 1."""
-    middle, half = -5.0, 7.0  # of the log variance
+    middle = -5.0
+    half = 7.0  # of the log variance
     return torch.cat([output[:, :1], middle + half * torch.tanh(output[:, 1:2] / half), output[:, 2:]], dim=1)
 
 
@@ -140,7 +143,8 @@ def exported(network: TouchNetwork | Together, close: float = 1e-4) -> bytes:
 
     Weights keep their names, so that `restore` finds them. Raises EstimationError where outputs differ.
     """
-    network, image = _with_biases(network.eval()), torch.randn(1, 3, ROWS, COLUMNS)
+    network = _with_biases(network.eval())
+    image = torch.randn(1, 3, ROWS, COLUMNS)
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

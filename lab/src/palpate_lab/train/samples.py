@@ -28,11 +28,14 @@ Indices = NDArray[np.int_]
 
 SHOWN = "shown_angle"
 """Field of a recording's `extra`: the angle of the contact on the tip as its images show it (N,) [rad]."""
-CUT, SHORTEST = 2, 5
+CUT = 2
+SHORTEST = 5
 """Frames left out at both ends of a contact, where it is half made, and the fewest left that are worth it."""
 UNTOUCHED = 30
 """Most untouched frames that a background is taken from."""
-_ON_CORNER, _AT_CORNER, _NEAR_CORNER = 3e-4, 0.001, 0.008  # [m] from it; a patch is 5 mm to either side of its middle
+_ON_CORNER = 3e-4
+_AT_CORNER = 0.001
+_NEAR_CORNER = 0.008  # [m] from it; a patch is 5 mm to either side of its middle
 _SPREAD = 0.02  # [rad] of directions, over which a line through what images show is known
 
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
@@ -221,10 +224,14 @@ def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices, 
 
     g is object_T_sensor, (N, 3).
     """
-    model, shape, count = contact_model(recording.shape, recording.sensor), recording.shape, len(g)
+    model = contact_model(recording.shape, recording.sensor)
+    shape = recording.shape
+    count = len(g)
     touch = model.touching(g[None])[0]
     normal = np.angle(-touch["normal"])
-    kind, corner, cone = np.full(count, KINDS.index("edge")), np.full(count, np.nan), np.zeros(count)
+    kind = np.full(count, KINDS.index("edge"))
+    corner = np.full(count, np.nan)
+    cone = np.zeros(count)
     if isinstance(shape, Disc | Ellipse):
         kind[:] = KINDS.index("disc" if isinstance(shape, Disc) else "ellipse")
     elif len(model.corners):
@@ -233,7 +240,8 @@ def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices, 
         )
         _, _, bisector, cone = model.corners[away.argmin(axis=1)].T
         away = away.min(axis=1)
-        kind[away < _NEAR_CORNER], kind[away < _AT_CORNER] = KINDS.index("near-corner"), KINDS.index("corner")
+        kind[away < _NEAR_CORNER] = KINDS.index("near-corner")
+        kind[away < _AT_CORNER] = KINDS.index("corner")
         corner[away < _AT_CORNER] = np.inf
         corner = np.where(away < _ON_CORNER, se2.wrap(normal - bisector), corner)
     return se2.wrap(normal - g[:, 2]), np.imag(touch["material"]), kind, corner, cone

@@ -39,7 +39,9 @@ def errors_of(network: TouchNetwork | Together, samples: Samples) -> Errors:
     outputs = [torch.cat(each).numpy().astype(np.float64) for each in zip(*parts, strict=True)]
     found: dict[str, tuple[Array, Array, Indices]] = {}
     for name, output in zip(network.outputs, outputs, strict=True):
-        mean, variance, contact = output[:, 0], np.exp(output[:, 1]), samples.episode
+        mean = output[:, 0]
+        variance = np.exp(output[:, 1])
+        contact = samples.episode
         if name == "direction":
             found[name] = se2.wrap(mean - samples.direction), variance, contact
         elif name == "place":  # of centimetres
@@ -55,7 +57,8 @@ def errors_of(network: TouchNetwork | Together, samples: Samples) -> Errors:
 
 def without_offsets(error: Array, variance: Array, contact: Indices) -> Array:
     """Return errors (N,) [rad] less the weighted mean of their contact, which is an unknown offset."""
-    error, weight = error.copy(), 1.0 / variance
+    error = error.copy()
+    weight = 1.0 / variance
     for each in np.unique(contact):
         chosen = contact == each
         error[chosen] = np.unwrap(error[chosen])
@@ -74,7 +77,8 @@ def spread_of(error: Array, variance: Array, episode: Indices, lags: int = 10) -
     normalised = np.abs(error) / np.sqrt(variance)
     ratios = [np.quantile(normalised, share) / deviations for share, deviations in COVERAGE.items()]
     signed = np.clip(error / np.sqrt(variance), -5.0, 5.0)  # one slip does not discredit all other frames
-    power, together = float(np.mean(signed**2)), 1.0
+    power = float(np.mean(signed**2))
+    together = 1.0
     for lag in range(1, lags + 1):
         same = episode[lag:] == episode[:-lag]
         if np.count_nonzero(same) < 10 * lags:

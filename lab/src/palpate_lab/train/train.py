@@ -101,7 +101,8 @@ def train(
             samples, sensor, failed = read_samples([*files, *test], *how)
         if base is not None and (wrong := misfit(sensor, base)):
             raise FileError(f"{start}: {wrong}")
-        rng, tested = np.random.default_rng(settings.seed), samples.recording >= len(files)
+        rng = np.random.default_rng(settings.seed)
+        tested = samples.recording >= len(files)
         if test and not tested.any():
             raise FileError(f"no recording can be judged by; the first: {failed[test[0]]}")
         rest, judged = map(samples.of, (~tested, tested)) if test else split(samples, settings.test, rng, settings)
@@ -155,7 +156,8 @@ def train_on_presses(
     is the name of the profile that the model is for. Raises FileError on too few presses, on ones too close together
     and on images of different sizes.
     """
-    count, descent = len(presses.images), settings.descent(settings.presses)
+    count = len(presses.images)
+    descent = settings.descent(settings.presses)
     if count < settings.fewest_presses:
         raise FileError(f"found {count} presses; at least {settings.fewest_presses} are needed to learn from")
     check_spread(presses.angle)
@@ -168,10 +170,13 @@ def train_on_presses(
         mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
         seen = np.array([difference_in_light(image, mean) for image in presses.images], dtype=np.float16)
         # Each press is a contact of its own, of which only the direction is known.
-        each, unknown = np.arange(count), np.zeros(count)
-        kind, no_corner = np.zeros(count, int), np.full(count, np.nan)
+        each = np.arange(count)
+        unknown = np.zeros(count)
+        kind = np.zeros(count, int)
+        no_corner = np.full(count, np.nan)
         samples = Samples(seen, each, each, unknown, presses.angle, unknown, kind, no_corner, unknown)
-        order, apart = np.random.default_rng(settings.seed).permutation(count), round(settings.test * count)
+        order = np.random.default_rng(settings.seed).permutation(count)
+        apart = round(settings.test * count)
         held_out, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart]))
         varied = replace(ONE_UNIT, signs=symmetry(samples.of(order[apart:][:400])))  # enough to tell, in seconds
         profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
@@ -223,7 +228,8 @@ def learn(
                 found[name] = offset_nll(error, turn[..., 1], TURN_OFFSET.prior[1])
                 continue
             if name == "corner":
-                on_corner, others = np.isfinite(samples.corner[chosen]), np.isnan(samples.corner[chosen])
+                on_corner = np.isfinite(samples.corner[chosen])
+                others = np.isnan(samples.corner[chosen])
                 angle, log_variance, slope, logit = output.unflatten(0, chosen.shape).unbind(-1)
                 label = seen.signed(np.where(on_corner, samples.corner[chosen], 0.0))
                 steeper = torch.from_numpy((samples.cone[chosen] - RIGHT_ANGLE).astype(np.float32))

@@ -71,7 +71,8 @@ def calibrated(pictures: Iterable[Image]) -> Camera:
     if len(seen) < 8:
         raise FileError(f"the board is seen in {len(seen)} pictures, at least 8 are needed")
     chosen = [seen[index] for index in np.unique(np.linspace(0, len(seen) - 1, 40).astype(int))]
-    points, pixels = [each[0] for each in chosen], [each[1] for each in chosen]
+    points = [each[0] for each in chosen]
+    pixels = [each[1] for each in chosen]
     _, matrix, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(
         points, pixels, size[::-1], np.zeros((3, 3)), np.zeros(5)
     )
@@ -103,7 +104,8 @@ def read_video(path: Path) -> Iterator[tuple[float, Image]]:
 
     capture = cv2.VideoCapture(str(existing_file(path)))
     try:
-        rate, count = capture.get(cv2.CAP_PROP_FPS), 0
+        rate = capture.get(cv2.CAP_PROP_FPS)
+        count = 0
         while capture.isOpened():
             done, picture = capture.read()
             if not done:
@@ -162,7 +164,8 @@ def _camera_pose(camera: Camera, corners: dict[int, Array]) -> tuple[Array, Arra
 
     points = np.concatenate([np.column_stack([tag.corners, np.zeros(4)]) for tag in TABLE])
     pixels = np.concatenate([corners[tag.number] for tag in TABLE])
-    matrix, distortion = np.array(camera.matrix), np.array(camera.distortion)
+    matrix = np.array(camera.matrix)
+    distortion = np.array(camera.distortion)
     _, turn, shift = cv2.solvePnP(points, pixels, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
     turn, shift = cv2.solvePnPRefineLM(points, pixels, matrix, distortion, turn, shift)
     rotation = np.asarray(cv2.Rodrigues(turn)[0], np.float64).T
@@ -171,7 +174,8 @@ def _camera_pose(camera: Camera, corners: dict[int, Array]) -> tuple[Array, Arra
 
 def laid_over(points: Array, others: Array) -> Array:
     """Return the poses (..., 3) that lay points (K, 2) [m] over others (..., K, 2) [m] with the least squares."""
-    a, b = points @ np.array([1.0, 1j]), others @ np.array([1.0, 1j])
+    a = points @ np.array([1.0, 1j])
+    b = others @ np.array([1.0, 1j])
     turn = ((a - a.mean()).conj() * (b - b.mean(axis=-1, keepdims=True))).sum(axis=-1)
     middle = b.mean(axis=-1) - turn / np.abs(turn) * a.mean()
     return np.stack([middle.real, middle.imag, np.angle(turn)], axis=-1)

@@ -47,7 +47,8 @@ TABLE = tuple(
     for k, x in enumerate((-0.1, 0.1))
 )
 """On the sheet that lies on the table."""
-SQUARES, SQUARE = (7, 5), 0.035
+SQUARES = (7, 5)
+SQUARE = 0.035
 """Squares of the calibration board along x and y, and their side [m]."""
 
 
@@ -101,7 +102,8 @@ def write_sheets(path: Path, name: str, shape: Shape, paper: str = "a4", overwri
     from matplotlib.backends.backend_pdf import PdfPages
 
     papers = {"a4": (0.297, 0.21), "a3": (0.42, 0.297)}  # [m], broad side first
-    size, margin = np.array(papers[paper]), 0.008  # [m] that printers leave white
+    size = np.array(papers[paper])
+    margin = 0.008  # [m] that printers leave white
     outline = shape.outline()
     extent = np.ptp(outline, axis=0)
     if (extent > size - 2 * margin).any():

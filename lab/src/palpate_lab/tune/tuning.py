@@ -221,7 +221,8 @@ def value_of(settings: TrackerSettings, name: str) -> float:
 def with_value(settings: TrackerSettings, name: str, value: float) -> TrackerSettings:
     """Return settings with another value of a parameter, rounded to four digits."""
     group, setting = name.split(".")
-    old, new = _setting(settings, name), float(f"{value:.4g}")
+    old = _setting(settings, name)
+    new = float(f"{value:.4g}")
     changed = replace(getattr(settings.noise, group), **{setting: (old[0], new) if isinstance(old, tuple) else new})
     return replace(settings, noise=replace(settings.noise, **{group: changed}))
 
