@@ -43,7 +43,7 @@ class Pushes:
     """Make no touch images, which is faster."""
 
     def simulations(self, seed: int, unit: int | None) -> dict[str, Any]:
-        """Return what to simulate, by file name. Raises SettingError."""
+        """Return the simulations by file name. Raises SettingError."""
         from palpate.geometry.shapes import SHAPES
         from palpate.types.sensor import known_sensor
         from palpate_lab.simulate.recordings import plan

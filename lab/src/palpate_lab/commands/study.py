@@ -150,6 +150,7 @@ def train(
     from palpate_lab.train.train import train as train_model
 
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
+    results: dict[str, Any]
     if source.suffix.lower() == ".csv":
         if not untouched or not sensor or start or calibration or orientation or test:
             others = "--from, --calibration, --orientation, --test"

@@ -94,17 +94,17 @@ def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, i
 @compiled
 def _rounded(overlap: Image, within: Image, fillet: np.float32) -> Image:
     """Join the depths below the side and below the rim in a quarter circle of this radius [m]."""
-    found = np.empty_like(overlap)
+    depth = np.empty_like(overlap)
     zero = np.float32(0.0)
     for row in range(overlap.shape[0]):
         for column in range(overlap.shape[1]):
-            a = overlap[row, column]
-            b = within[row, column]
-            x = max(fillet - a, zero)
-            y = max(fillet - b, zero)
+            below_side = overlap[row, column]
+            below_rim = within[row, column]
+            x = max(fillet - below_side, zero)
+            y = max(fillet - below_rim, zero)
             rounded = fillet - np.float32(math.sqrt(np.float64(x) * x + np.float64(y) * y))
-            found[row, column] = max(rounded + max(min(a, b) - fillet, zero), zero)
-    return found
+            depth[row, column] = max(rounded + max(min(below_side, below_rim) - fillet, zero), zero)
+    return depth
 
 
 def touch_image(
@@ -184,11 +184,11 @@ def _lit(
     one = np.float32(1.0)
     for row in range(right.shape[0]):
         for column in range(right.shape[1]):
-            a = rest_right[row, column] - right[row, column]
-            b = rest_up[row, column] + up[row, column]
-            shrink = one / np.sqrt(a * a + b * b + one)
+            normal_right = rest_right[row, column] - right[row, column]
+            normal_up = rest_up[row, column] + up[row, column]
+            shrink = one / np.sqrt(normal_right * normal_right + normal_up * normal_up + one)
             for k in range(3):
-                facing = (light[k, 0] * a + light[k, 1] * b + light[k, 2]) * shrink
+                facing = (light[k, 0] * normal_right + light[k, 1] * normal_up + light[k, 2]) * shrink
                 facing = max(facing, np.float32(0.0)) * (one - shadow[row, column, k])
                 lit[row, column, k] = (facing - rest_lit[k, row, column]) * strength[k, row, column]
     return lit
@@ -316,16 +316,18 @@ def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image, Image]
     beside = y - np.float32(math.tan(side.roll)) * off  # of a side that leans, the place that is at this pixel
     back = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z + np.float32(0.5 * side.bulge) * off * off
     back = back - back[(z > side.below) & (z < side.above)].min() + unit.sag(y) - unit.sag(beside)
-    step = 0.5 * unit.pitch
-    apart = 1e-4
-    most = 2.5e-3  # [m] between columns and between levels, and beyond all touch
-    back = np.minimum(back, np.float32(most))
-    across = np.arange(float(beside.min()), float(beside.max()) + 2.0 * step, step)
-    first = math.floor(float(back.min()) / apart)
-    levels = np.arange(first, math.ceil(float(back.max()) / apart) + 2) * apart
+    column_step = 0.5 * unit.pitch  # [m]
+    level_step = 1e-4  # [m]
+    untouched = 2.5e-3  # [m] no object reaches so deep
+    back = np.minimum(back, np.float32(untouched))
+    across = np.arange(float(beside.min()), float(beside.max()) + 2.0 * column_step, column_step)
+    first = math.floor(float(back.min()) / level_step)
+    levels = np.arange(first, math.ceil(float(back.max()) / level_step) + 2) * level_step
     table = np.stack(np.broadcast_arrays(-unit.sag(across) - levels[:, None], across), axis=-1)
     within = np.minimum(z - np.float32(side.below), np.float32(side.above) - z)
-    return table, (beside - np.float32(across[0])) / np.float32(step), back / np.float32(apart) - first, within
+    column = (beside - np.float32(across[0])) / np.float32(column_step)
+    level = back / np.float32(level_step) - first
+    return table, column, level, within
 
 
 @functools.cache

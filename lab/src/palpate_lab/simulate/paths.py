@@ -128,18 +128,19 @@ class Surroundings:
     def travel(self, sensor_pose: Array, goal: Array, object_pose: Array) -> Array:
         """Return the shorter path round the object to a pose, at 0.25 m/s and 2 rad/s."""
         middle = se2.compose(object_pose, self._middle)[:2]
-        a, b = (se2.compose(pose, self._center)[:2] - middle for pose in (sensor_pose, goal))
-        far_a = np.hypot(*a)
-        far_b = np.hypot(*b)
-        angle = np.arctan2(a[1], a[0])
-        turn = se2.wrap(float(np.arctan2(b[1], b[0]) - angle))
+        start_arm = se2.compose(sensor_pose, self._center)[:2] - middle
+        goal_arm = se2.compose(goal, self._center)[:2] - middle
+        start_radius = np.hypot(*start_arm)
+        goal_radius = np.hypot(*goal_arm)
+        start_angle = np.arctan2(start_arm[1], start_arm[0])
+        turn = se2.wrap(float(np.arctan2(goal_arm[1], goal_arm[0]) - start_angle))
         yaw_turn = se2.wrap(float(goal[2] - sensor_pose[2]))
-        length = abs(turn) * self.radius + abs(far_b - far_a)
-        part = minimum_jerk(self._frames(max(length / 0.25, abs(yaw_turn) / 2.0)))
-        far = far_a + part * (far_b - far_a)
-        angle = angle + part * turn
-        yaw = sensor_pose[2] + part * yaw_turn
-        center = np.column_stack((middle[0] + far * np.cos(angle), middle[1] + far * np.sin(angle), yaw))
+        length = abs(turn) * self.radius + abs(goal_radius - start_radius)
+        share = minimum_jerk(self._frames(max(length / 0.25, abs(yaw_turn) / 2.0)))
+        radius = start_radius + share * (goal_radius - start_radius)
+        angle = start_angle + share * turn
+        yaw = sensor_pose[2] + share * yaw_turn
+        center = np.column_stack((middle[0] + radius * np.cos(angle), middle[1] + radius * np.sin(angle), yaw))
         return se2.compose(center, -self._center)
 
     def _along(self, pose: Array, direction: float, object_pose: Array) -> Array:

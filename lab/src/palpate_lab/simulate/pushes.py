@@ -207,7 +207,7 @@ class _Robot:
                 lost = 0
                 angle = float(motion.pad_angle[0])
             else:
-                lost = lost + 1
+                lost += 1
                 angle = 0.0
             if (touched and lost > 0.3 * rate) or abs(angle) > self._pad_end:
                 end = min(end, step + ramp)

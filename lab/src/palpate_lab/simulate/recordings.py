@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +24,8 @@ from palpate_lab.simulate.gel import draw_side, render
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.pushes import draw_sequence, measured
 from palpate_lab.simulate.set_up_errors import draw_errors, with_errors, worn
-from palpate_lab.simulate.unit import draw_unit
+from palpate_lab.simulate.unit import SensorUnit, draw_unit
+from palpate_lab.simulate.world import Motion
 
 if TYPE_CHECKING:
     from palpate_lab.simulate.replay import Replay
@@ -98,16 +99,8 @@ class Simulation:
         drift = errors.gel_drift if errors else (0.0, 0.0)
         motion = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
         time = np.arange(len(motion.contact)) / gel.rate
-        images = None
-        if self.images:
-            images = []
-            side = draw_side(camera)
-            poses = se2.between(motion.object_pose, motion.sensor_pose)
-            units = worn(unit, errors, time) if errors else [unit] * len(time)
-            for now, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
-                images.append(encode_image(render(now, self.shape, *contact, rng=camera, side=side)))
-                if progress:
-                    progress(len(images))
+        units = worn(unit, errors, time) if errors else [unit] * len(time)
+        images = self._touch_images(motion, units, camera, progress) if self.images else None
         exact = Recording(
             time=time,
             sensor_pose=measured(motion.sensor_pose, noise),
@@ -132,6 +125,23 @@ class Simulation:
             set_up_sigma=None if errors else np.zeros(3),
         )
         return with_errors(exact, errors) if errors else exact
+
+    def _touch_images(
+        self,
+        motion: Motion,
+        units: Iterable[SensorUnit],
+        camera: np.random.Generator,
+        progress: Callable[[int], None] | None,
+    ) -> list[bytes]:
+        """Return the encoded touch image of each frame, as the unit is at that frame."""
+        images = []
+        side = draw_side(camera)
+        poses = se2.between(motion.object_pose, motion.sensor_pose)
+        for unit, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
+            images.append(encode_image(render(unit, self.shape, *contact, rng=camera, side=side)))
+            if progress:
+                progress(len(images))
+        return images
 
     def _seeds(self) -> tuple[int, *tuple[np.random.SeedSequence, ...]]:
         """Return the seeds of unit, pushes, noise, camera, knocks and errors, different for each object and kind."""

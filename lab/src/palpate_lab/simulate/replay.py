@@ -73,7 +73,7 @@ class Replay:
         contact, a gel that does not reach the contact, or a contact off its pad.
         """
         recording = self.recording
-        (unit_seed, *seeds) = self._seeds()
+        unit_seed, *seeds = self._seeds()
         draws, camera = (np.random.default_rng(each) for each in seeds)
         gel = draw_unit(DIGIT, unit_seed)
         motion, known = real_motion(recording)
@@ -85,22 +85,8 @@ class Replay:
         center = touched.point + behind[:, None] * touched.normal
         yaw = np.arctan2(-touched.normal[:, 1], -touched.normal[:, 0]) - pad_angle
         poses = se2.compose(np.column_stack((center, yaw)), np.array([gel.radius, 0.0, 0.0]))
-        edge, worst = np.degrees((np.arcsin(gel.half_width / gel.radius), np.abs(pad_angle[motion.contact]).max()))
-        free = recording.shape.signed_distance(center) - behind
-        for wrong, why in (
-            (
-                np.degrees(np.abs(pad_angle)) > edge,
-                f"the contact would be {worst:.0f} degrees from the middle of the gel, whose pad ends at {edge:.0f}",
-            ),
-            (
-                free < -1e-4,
-                f"the outline is hollow, and a gel of radius {gel.radius * 1e3:.0f} mm does not reach the contact",
-            ),
-        ):
-            if len(frames := np.flatnonzero(motion.contact & wrong)):
-                span = f"{motion.time[frames[0]]:.2f} to {motion.time[frames[-1]]:.2f} s"
-                name = recording.file or "the recording"
-                raise SettingError(f"{name}: frames {frames[0]} to {frames[-1]} of the replay ({span}): {why}")
+        clearance = recording.shape.signed_distance(center) - behind
+        self._check_contacts(motion, gel, pad_angle, clearance)
         slip = sliding(motion, touched)
         # Friction and stiffness as in simulated worlds; friction is nearly full at 5 mm/s.
         shear = draws.uniform(0.25, 0.6) * draws.uniform(2600.0, 6500.0) * depth * np.tanh(slip / 0.005)
@@ -125,6 +111,28 @@ class Replay:
             },
         )
 
+    def _check_contacts(self, motion: Recording, gel: SensorUnit, pad_angle: Array, clearance: Array) -> None:
+        """Raise SettingError for frames whose contact is off the pad, or out of the gel's reach.
+
+        clearance (N,) [m] is the distance of the gel's surface from the outline, below 0 where another part of the
+        outline is in the way.
+        """
+        assert motion.contact is not None
+        edge = np.degrees(np.arcsin(gel.half_width / gel.radius))
+        angle = np.degrees(np.abs(pad_angle))
+        worst = angle[motion.contact].max()
+        off_pad = f"the contact would be {worst:.0f} degrees from the middle of the gel, whose pad ends at {edge:.0f}"
+        out_of_reach = (
+            f"the outline is hollow, and a gel of radius {gel.radius * 1e3:.0f} mm does not reach the contact"
+        )
+        for is_wrong, reason in ((angle > edge, off_pad), (clearance < -1e-4, out_of_reach)):
+            frames = np.flatnonzero(motion.contact & is_wrong)
+            if len(frames):
+                first, last = frames[[0, -1]]
+                span = f"{motion.time[first]:.2f} to {motion.time[last]:.2f} s"
+                name = self.recording.file or "the recording"
+                raise SettingError(f"{name}: frames {first} to {last} of the replay ({span}): {reason}")
+
     def _seeds(self) -> tuple[int, np.random.SeedSequence, np.random.SeedSequence]:
         """Return the seeds of the unit, the contacts and the camera, different for each file."""
         name = self.recording.file.name if self.recording.file else self.recording.source
@@ -135,9 +143,9 @@ class Replay:
 def real_motion(recording: Recording) -> tuple[Recording, Flags]:
     """Return the motion of a recording, and the frames (N,) with a recorded object pose.
 
-    Object poses are bridged where they are unknown; frames without at either end are left out. It is preceded by rest
-    if it begins in contact. Raises SettingError, which names the file and the
-    frames, if contact or object poses are missing, or missing for too long.
+    Object poses are bridged where they are unknown; frames without one at either end are left out. A motion that begins
+    in contact is preceded by an approach. Raises SettingError, which names the file and the frames, if contact or
+    object poses are missing, or missing for too long.
     """
     name = recording.file or "the recording"
     if recording.object_pose is None or np.isnan(recording.object_pose).all():

@@ -93,15 +93,15 @@ def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpError
         return float(np.sqrt((low * low + low * high + high * high) / 3.0))  # of a uniform distribution
 
     light, marks = draw_wear(rng.spawn(1)[0])  # a generator of its own: later draws from rng do not depend on the wear
-    near = (2e-3, 5e-3)
-    turned = (np.radians(1.0), np.radians(3.0))  # of the first pose [m], [rad]
+    first_place = (2e-3, 5e-3)  # [m] least and largest error of the first pose
+    first_turn = (np.radians(1.0), np.radians(3.0))  # [rad]
     drift = 0.2 / WARM_UP
     errors = SetUpErrors(
         mounting=offset(1e-3, np.radians(1.0)),
         outline=1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.02),
         late=int(rng.integers(2)),
-        first_pose=offset(rng.uniform(*near), rng.uniform(*turned)),
-        first_pose_sigma=np.array([rms(*near) / np.sqrt(2.0)] * 2 + [rms(*turned)]),
+        first_pose=offset(rng.uniform(*first_place), rng.uniform(*first_turn)),
+        first_pose_sigma=np.array([rms(*first_place) / np.sqrt(2.0)] * 2 + [rms(*first_turn)]),
         gel_drift=(rng.uniform(-drift, drift), rng.uniform(-drift, drift)),
         light=light,
         marks=marks,
@@ -124,8 +124,8 @@ def draw_wear(rng: np.random.Generator) -> tuple[Array, tuple[Mark, ...]]:
             length = 0.0
         else:
             red = green = blue = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
-            width = rng.uniform(2.0, 4.0)
-            length = rng.uniform(0.1, 0.5)  # no finer than the coating of 0.15 mm
+            width = rng.uniform(2.0, 4.0)  # no finer than the coating of 0.15 mm
+            length = rng.uniform(0.1, 0.5)
         marks.append(Mark(when, (row, column), width, length, angle, (red, green, blue)))
     return light / WARM_UP, tuple(marks)
 

@@ -18,9 +18,9 @@ MAP = (ROWS // 4, COLUMNS // 4)
 """Rows and columns of the feature map."""
 WIDTH = 16
 """Channels of the encoder. ONNX Runtime takes sixteen at a time: 24 cost as much as 32."""
-_HIDDEN = 64
-_POINTS = 4
-_REDUCED = 8
+_POINTS = 4  # key points
+_REDUCED = 8  # channels of the map that the layers below read
+_HIDDEN = 64  # values that all outputs share
 
 
 class Encoder(nn.Module):
@@ -128,8 +128,8 @@ def keypoint(activation: Tensor) -> Tensor:
 
 def gaussian(output: Tensor) -> Tensor:
     """Return outputs (B, 2 or more) whose second, a log variance, keeps that of the deviation [rad] from -6 to 1."""
-    middle = -5.0
-    half = 7.0  # of the log variance
+    middle = -5.0  # of the log variance
+    half = 7.0
     return torch.cat([output[:, :1], middle + half * torch.tanh(output[:, 1:2] / half), output[:, 2:]], dim=1)
 
 

@@ -28,14 +28,16 @@ Indices = NDArray[np.int_]
 
 SHOWN = "shown_angle"
 """Field of a recording's `extra`: the angle of the contact on the tip as its images show it (N,) [rad]."""
-CUT = 2
-SHORTEST = 5
-"""Frames left out at both ends of a contact, where it is half made, and the fewest left that are worth it."""
+CONTACT_ENDS = 2
+"""Frames left out at each end of a contact, where the gel is not fully pressed in."""
+SHORTEST_CONTACT = 5
+"""Fewest frames that must be left of a contact."""
 UNTOUCHED = 30
 """Most untouched frames that a background is taken from."""
+# Distances of a contact from a corner [m]; a contact patch is 5 mm to either side of its middle.
 _ON_CORNER = 3e-4
 _AT_CORNER = 0.001
-_NEAR_CORNER = 0.008  # [m] from it; a patch is 5 mm to either side of its middle
+_NEAR_CORNER = 0.008
 _SPREAD = 0.02  # [rad] of directions, over which a line through what images show is known
 
 KINDS = ("disc", "ellipse", "edge", "near-corner", "corner")
@@ -47,7 +49,7 @@ class Samples:
     """Touched frames, N of them, in the order of recordings and time."""
 
     difference: NDArray[np.float16]
-    """What the networks see, (N, ROWS, COLUMNS, 3)."""
+    """Input of the networks, (N, ROWS, COLUMNS, 3)."""
     recording: Indices
     """Number of the recording, (N,)."""
     episode: Indices
@@ -75,7 +77,7 @@ class Samples:
 
 
 def difference(image: Image, reduced_mean: Difference) -> Difference:
-    """Return what networks learn from: the difference (ROWS, COLUMNS, 3) of an image from a background's reduced mean.
+    """Return the input of networks (ROWS, COLUMNS, 3): the difference of an image from a background's reduced mean.
 
     It is not taken in the light of the image: changes of light are drawn in training.
     """
@@ -211,8 +213,11 @@ def _read(
 def contact_frames(touched: Flags) -> tuple[Indices, Indices]:
     """Return number of the contact and of the frame of each frame that is well within a contact, from flags (N,)."""
     edges = np.flatnonzero(np.diff(touched, prepend=False, append=False))
-    spans = [np.arange(first + CUT, last - CUT) for first, last in zip(edges[::2], edges[1::2], strict=True)]
-    spans = [span for span in spans if len(span) >= SHORTEST]
+    spans = [
+        np.arange(first + CONTACT_ENDS, last - CONTACT_ENDS)
+        for first, last in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    spans = [span for span in spans if len(span) >= SHORTEST_CONTACT]
     if not spans:
         return np.empty(0, int), np.empty(0, int)
     return np.repeat(np.arange(len(spans)), [len(span) for span in spans]), np.concatenate(spans)

@@ -10,14 +10,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
-from palpate.arrays import Image
+from palpate.arrays import Flags, Image
 from palpate.errors import FileError, SettingError
 from palpate.files import whole_file, write_json
-from palpate.graph.contact_geometry import RIGHT_ANGLE
-from palpate.graph.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.touch import touch_model
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import misfit
@@ -26,18 +23,18 @@ from palpate.touch.touch_model import NETWORK, OUTPUTS, ModelSettings, Spread, T
 from palpate.types.sensor import SensorProfile
 from palpate_lab.parallel import held_folder
 from palpate_lab.train.augment import ONE_UNIT, Augmentation, Batch, draw_groups, symmetry, varied_batch
-from palpate_lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
+from palpate_lab.train.fit import FitSettings, fit
+from palpate_lab.train.losses import OUTPUT_LOSSES
 from palpate_lab.train.networks import Together, TouchNetwork, exported, restore
-from palpate_lab.train.samples import Samples, read_samples
+from palpate_lab.train.samples import Indices, Samples, read_samples
 from palpate_lab.train.scores import errors_of, judge, measure_spread, spread_of
 
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
-Indices = NDArray[np.int_]
 
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """How to train."""
+    """Settings of a training."""
 
     seed: int = 0
     """Of weights, batches and the choice of held-out recordings."""
@@ -101,17 +98,14 @@ def train(
             samples, sensor, failed = read_samples([*files, *test], *how)
         if base is not None and (wrong := misfit(sensor, base)):
             raise FileError(f"{start}: {wrong}")
-        rng = np.random.default_rng(settings.seed)
-        tested = samples.recording >= len(files)
-        if test and not tested.any():
+        is_test = samples.recording >= len(files)
+        if test and not is_test.any():
             raise FileError(f"no recording can be judged by; the first: {failed[test[0]]}")
-        rest, judged = map(samples.of, (~tested, tested)) if test else split(samples, settings.test, rng, settings)
-        learned, held_out = split(rest, settings.held_out, rng, settings)
-        del samples, rest  # they hold images, a gigabyte for every 40 000
+        learned, held_out, judged = split_three(samples, is_test if test else None, settings)
+        del samples  # it holds images, a gigabyte for every 40 000
         work.mkdir(exist_ok=True)
         torch.manual_seed(settings.seed)
-        outputs = OUTPUTS[1] if sensor.flat_width > 0.0 else OUTPUTS[0]
-        network = TouchNetwork(outputs)
+        network = TouchNetwork(OUTPUTS[1] if sensor.flat_width > 0.0 else OUTPUTS[0])
         if base is not None:
             restore(network, base.network)
         descent = settings.descent(settings.touch if base is None else settings.fine)
@@ -122,9 +116,9 @@ def train(
             "frames": len(judged),
             "scores": judge(errors_of(network, judged), spread),
             "recordings": {
-                "learned_from": len(np.unique(learned.recording)),
-                "held_out": len(np.unique(held_out.recording)),
-                "judged_by": len(np.unique(judged.recording)),
+                "learned_from": recording_count(learned),
+                "held_out": recording_count(held_out),
+                "judged_by": recording_count(judged),
                 "left_out": {str(file): why for file, why in failed.items()},
             },
         }
@@ -161,20 +155,14 @@ def train_on_presses(
     if count < settings.fewest_presses:
         raise FileError(f"found {count} presses; at least {settings.fewest_presses} are needed to learn from")
     check_spread(presses.angle)
-    if len(sizes := {image.shape[:2] for image in (*presses.images, *untouched)}) > 1:
+    sizes = {image.shape[:2] for image in (*presses.images, *untouched)}
+    if len(sizes) > 1:
         raise FileError(f"images have the sizes {sorted(sizes)}; allowed is one, of presses and of the untouched gel")
     height, width = untouched[0].shape[:2]
     with held_folder(out):
         work = work_folder(out, resume)
         work.mkdir(exist_ok=True)
-        mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
-        seen = np.array([difference_in_light(image, mean) for image in presses.images], dtype=np.float16)
-        # Each press is a contact of its own, of which only the direction is known.
-        each = np.arange(count)
-        unknown = np.zeros(count)
-        kind = np.zeros(count, int)
-        no_corner = np.full(count, np.nan)
-        samples = Samples(seen, each, each, unknown, presses.angle, unknown, kind, no_corner, unknown)
+        samples = samples_of_presses(presses, untouched)
         order = np.random.default_rng(settings.seed).permutation(count)
         apart = round(settings.test * count)
         held_out, learned = (samples.of(np.sort(part)) for part in np.split(order, [apart]))
@@ -185,16 +173,38 @@ def train_on_presses(
         with bar("direction", len(networks) * descent.steps) as progress:
             for number, network in enumerate(networks):
                 own = replace(settings, seed=len(networks) * settings.seed + number)
-                (folder := work / str(number)).mkdir(exist_ok=True)
+                folder = work / str(number)
+                folder.mkdir(exist_ok=True)
                 learn(network, learned, held_out, profile, own, descent, folder, varied=varied)
                 progress((number + 1) * descent.steps)
-        errors = errors_of(together := Together(networks), held_out)
+        together = Together(networks)
+        errors = errors_of(together, held_out)
         scale = spread_of(*errors["direction"]).scale
         spread = {"direction": Spread(scale, together=19.0)}  # as of the DIGIT's model: presses cannot tell
         training = {"seed": settings.seed, "steps": descent.steps, "presses": count}
         write_model(out, ModelSettings(sensor, height, width, spread, training), exported(together))
         scores = judge(errors, spread)["direction"]
     return {"presses": count, "held_out": apart} | {name: scores[name] for name in ("rms_deg", "median_deg")}
+
+
+def samples_of_presses(presses: Presses, untouched: Sequence[Image]) -> Samples:
+    """Return presses as samples; each is a contact of its own, of which only the direction is known."""
+    count = len(presses.images)
+    mean = np.asarray(np.mean([reduced(image) for image in untouched], axis=0), np.float32)
+    difference = np.array([difference_in_light(image, mean) for image in presses.images], dtype=np.float16)
+    number = np.arange(count)
+    unknown = np.zeros(count)
+    return Samples(
+        difference=difference,
+        recording=number,
+        episode=number,
+        yaw=unknown,
+        direction=presses.angle,
+        place=unknown,
+        kind=np.zeros(count, int),
+        corner=np.full(count, np.nan),
+        cone=unknown,
+    )
 
 
 def learn(
@@ -218,41 +228,40 @@ def learn(
 
     def losses(drawn: tuple[Samples, Indices, Batch]) -> dict[str, Tensor]:
         samples, chosen, seen = drawn
-        outputs = (each.cpu() for each in network(seen.difference.to(device)))
-        found = {}
+        outputs = network(seen.difference.to(device))
+        by_name: dict[str, Tensor] = {}
         for name, output in zip(network.outputs, outputs, strict=True):
-            if name == "turn":
-                yaw = np.unwrap(samples.yaw[chosen], axis=1)
-                turn = output.unflatten(0, chosen.shape)
-                error = seen.signed(yaw - yaw[:, :1]) - turn[..., 0]
-                found[name] = offset_nll(error, turn[..., 1], TURN_OFFSET.prior[1])
-                continue
-            if name == "corner":
-                on_corner = np.isfinite(samples.corner[chosen])
-                others = np.isnan(samples.corner[chosen])
-                angle, log_variance, slope, logit = output.unflatten(0, chosen.shape).unbind(-1)
-                label = seen.signed(np.where(on_corner, samples.corner[chosen], 0.0))
-                steeper = torch.from_numpy((samples.cone[chosen] - RIGHT_ANGLE).astype(np.float32))
-                error = label - angle - slope * steeper
-                found[name] = offset_nll(error, log_variance, CORNER_BIAS.prior[1], torch.from_numpy(on_corner))
-                is_known = torch.from_numpy(on_corner | others)
-                found["is_corner"] = nn.functional.binary_cross_entropy_with_logits(
-                    logit[is_known], torch.from_numpy(on_corner)[is_known].float()
-                )
-                continue
-            is_place = name == "place"  # [cm]
-            label = 1e2 * seen.place(samples.place[chosen]) if is_place else seen.direction(samples.direction[chosen])
-            found[name] = gaussian_nll(output[:, 0] - label.ravel(), output[:, 1])
-        return found
+            by_name |= OUTPUT_LOSSES[name](output.cpu(), samples, chosen, seen)
+        return by_name
 
     def judged() -> dict[str, Tensor]:
         rng = np.random.default_rng(0)  # the same batches at every evaluation
-        found = [losses(draw(held_out, rng)) for _ in range(4)]
-        return {name: torch.stack([each[name] for each in found]).mean() for name in found[0]}
+        evaluations = [losses(draw(held_out, rng)) for _ in range(4)]
+        return {name: torch.stack([evaluation[name] for evaluation in evaluations]).mean() for name in evaluations[0]}
 
     network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
     fit("touch", network, partial(draw, learned), losses, judged, descent, settings.seed, folder, progress)
     network.cpu()
+
+
+def split_three(samples: Samples, is_test: Flags | None, settings: TrainSettings) -> tuple[Samples, Samples, Samples]:
+    """Return the samples to learn from, those held out to stop and to calibrate by, and those to judge by.
+
+    is_test (N,) marks the last; None takes a share. Raises SettingError where there is too little to split.
+    """
+    rng = np.random.default_rng(settings.seed)
+    if is_test is None:
+        rest, judged = split(samples, settings.test, rng, settings)
+    else:
+        rest = samples.of(~is_test)
+        judged = samples.of(is_test)
+    learned, held_out = split(rest, settings.held_out, rng, settings)
+    return learned, held_out, judged
+
+
+def recording_count(samples: Samples) -> int:
+    """Return the number of recordings that samples are of."""
+    return len(np.unique(samples.recording))
 
 
 def split(samples: Samples, share: float, rng: np.random.Generator, settings: TrainSettings) -> tuple[Samples, Samples]:

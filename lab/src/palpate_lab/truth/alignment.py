@@ -55,10 +55,7 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
     used = (tag.time + delay > time[0]) & (tag.time + delay < time[-1])
     if used.sum() < 20:
         raise FileError(f"the sensor's tag is seen in {used.sum()} pictures of the recording's time, 20 are needed")
-    sensor = sensor_at(tag.time[used] + delay)
-    table = laid_over(tag.pose[used, :2], sensor[:, :2])
-    mount = se2.between(sensor, se2.compose(table, tag.pose[used]))
-    start = np.concatenate([table, [0.0, 0.0, np.angle(np.exp(1j * mount[:, 2]).mean())], [delay]])
+    start = _first_guess(sensor_at(tag.time[used] + delay), tag.pose[used], delay)
     noise = tag.sigma + np.array([1e-4, 1e-4, 1e-3])  # [m, m, rad], the latter of the robot
 
     def residuals(unknowns: Array) -> Array:
@@ -77,6 +74,14 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
     off = difference(found.x, used)[:, :2]
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
     return Alignment(found.x[:3], found.x[3:6], float(found.x[6]), sigma, rms)
+
+
+def _first_guess(sensor: Array, tag: Array, delay: float) -> Array:
+    """Return table, mounting of the tag and delay, (7,), by poses (N, 3) of sensor and tag at the same times."""
+    table = laid_over(tag[:, :2], sensor[:, :2])
+    mounting = se2.between(sensor, se2.compose(table, tag))
+    turn = np.angle(np.exp(1j * mounting[:, 2]).mean())
+    return np.concatenate([table, [0.0, 0.0, turn], [delay]])
 
 
 def with_truth(recording: Recording, tag: TagTrack, alignment: Alignment) -> Recording:

@@ -48,8 +48,9 @@ TABLE = tuple(
 )
 """On the sheet that lies on the table."""
 SQUARES = (7, 5)
-SQUARE = 0.035
-"""Squares of the calibration board along x and y, and their side [m]."""
+"""Squares of the calibration board along x and y."""
+SQUARE_SIDE = 0.035
+"""Side of a square of the calibration board [m]."""
 
 
 def find_tags(image: Image) -> dict[int, Array]:
@@ -74,7 +75,7 @@ def board() -> Any:
     import cv2
 
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
-    return cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.026, family)
+    return cv2.aruco.CharucoBoard(SQUARES, SQUARE_SIDE, 0.026, family)
 
 
 def _family() -> Any:
@@ -110,14 +111,14 @@ def write_sheets(path: Path, name: str, shape: Shape, paper: str = "a4", overwri
         width, height = 1e3 * extent
         raise SettingError(f"{name} is {width:.0f} x {height:.0f} mm, larger than {paper}; --paper a3 is larger")
     middle = outline.min(axis=0) + 0.5 * extent
-    half = 0.5 * SQUARE * np.array(SQUARES)
+    half = 0.5 * SQUARE_SIDE * np.array(SQUARES)
     with whole_file(path, overwrite) as part, PdfPages(part, metadata={"CreationDate": None}) as pdf:
         pdf.savefig(_page(size, "Table: lay it flat and fix it, all four tags in view", TABLE)[0])
         figure, axes = _page(size, f"Object {name}: cut along the outline, glue it on top", (OBJECT,), -middle)
         axes.plot(*(np.vstack([outline, outline[:1]]) - middle).T, "k-", linewidth=0.5)
         pdf.savefig(figure)
         pdf.savefig(_page(size, "Sensor: fix the tag on top, parallel to the table", (SENSOR,))[0])
-        squares = f"squares of {SQUARE * 1e3:.0f} mm"
+        squares = f"squares of {SQUARE_SIDE * 1e3:.0f} mm"
         figure, axes = _page(size, f"Board for palpate truth-camera: glue it on something flat; {squares}")
         _draw(axes, board().generateImage((SQUARES[0] * 245, SQUARES[1] * 245), None, 0, 1), -half, half)
         pdf.savefig(figure)
