@@ -1,18 +1,18 @@
-# Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make bench`,
-# `make docs`, `make check-numbers`.
+# Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make kernels`,
+# `make bench`, `make docs`, `make check-numbers`.
 PYTHON ?= python3
 BIN := .venv/bin
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 # The page of a run is tested in a browser. Where it cannot be had (no Debian, no root), the test skips and says so.
 BROWSER := command -v chromedriver >/dev/null || (apt-get -qq update && \
 	DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends chromium chromium-driver) \
 	>/dev/null 2>&1 || echo 'no Chromium: the page of a run is not tested in a browser'
-# Stamps: palpate with its simulation, which the demo needs, and the tools of development on top.
+# Stamps: palpate and the laboratory with its simulation, which the demo needs, and the tools of development on top.
 READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test lint bench docs check-numbers clean
+.PHONY: demo test ros-test lint kernels bench docs check-numbers clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -29,7 +29,12 @@ lint: $(READY_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(BIN)/python scripts/check_size.py
+	$(BIN)/python scripts/check_plainness.py
+	$(BIN)/python scripts/write_kernels.py --check
+
+# After a change of a factor or variable: the derivatives of src/palpate/models/pushing, as compiled code.
+kernels: $(READY_DEV)
+	$(BIN)/python scripts/write_kernels.py
 
 bench: $(READY_DEV)
 	$(BIN)/python benchmarks/step.py --gate
@@ -45,14 +50,14 @@ check-numbers: $(READY_DEV)
 clean:
 	rm -rf .venv .venv-ros demo-run docs/_build
 
-$(READY): pyproject.toml constraints.txt
+$(READY): pyproject.toml lab/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'
 	$(PYTHON) -m venv .venv
-	$(INSTALL) '.[sim]'
+	$(INSTALL) --editable '.[sim]' --editable lab
 	touch $(READY)
 
 $(READY_DEV): $(READY)
-	$(INSTALL) '.[dev]'
+	$(INSTALL) --editable '.[dev]' --editable lab
 	@$(BROWSER)
 	touch $(READY_DEV)
 

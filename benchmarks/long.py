@@ -25,12 +25,13 @@ import psutil
 import tyro
 from limit_surface import Steering, push
 from numpy.typing import NDArray
-from palpate.graph import variables as var
 from scipy.signal import lfilter
 
 from palpate import DIGIT, ContactDirection, Frame, Measurement, NoiseSettings, Rectangle, Tracker, Turn
 from palpate.geometry import se2
+from palpate.models.pushing import variables as var
 from palpate.models.pushing.contact_geometry import contact_model
+from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.priors import object_prior
 from palpate.pipeline.metrics import inside_95, nees, translation_errors
 
@@ -64,13 +65,13 @@ def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) ->
     c = MODEL.friction_radius
     slip_sigma = np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed)
     torque_sigma = np.hypot(NOISE.balance.still, NOISE.balance.share * STEERING.speed * c)
-    friction = {variable: values[var.IN_OBJECT[variable]] for variable in (var.FRICTION_RATIO, var.FRICTION_CENTER)}
-    grip = float(np.exp(values[var.IN_OBJECT[var.GRIP]][0]))
+    friction = {variable: values[IN_OBJECT[variable]] for variable in (var.FRICTION_RATIO, var.FRICTION_CENTER)}
+    grip = float(np.exp(values[IN_OBJECT[var.GRIP]][0]))
     while (made := sum(map(len, flags))) < count:
         steps = min(contact, count - made) - 1
         quarter, along, turned = rng.integers(4), rng.uniform(-0.03, 0.03), rng.uniform(-0.2, 0.2)
         side, far, r = [0.0, 0.0, quarter * np.pi / 2], 0.5 * (SHAPE.size_x, SHAPE.size_y)[quarter % 2], DIGIT.radius
-        gap = gaps(steps + 1, rng) - values[var.IN_OBJECT[var.DEPTH]] + values[var.IN_OBJECT[var.OUTLINE_SCALE]] * far
+        gap = gaps(steps + 1, rng) - values[IN_OBJECT[var.DEPTH]] + values[IN_OBJECT[var.OUTLINE_SCALE]] * far
         first = se2.compose(side, [-far - gap[0] + r * (np.cos(turned) - 1.0), along + r * np.sin(turned), turned])
         slid, torque = rng.normal(0.0, slip_sigma, steps), rng.normal(0.0, torque_sigma, (steps, 1))
         # Off a side whose normal is -x, an opening gap moves the sensor along x.
@@ -106,7 +107,7 @@ def felt(truth: Truth, values: Array, rng: np.random.Generator) -> Iterator[tupl
     sensors = se2.compose(truth.sensors, se2.exp(rng.normal(size=(count, 3)) * NOISE.sensor_pose.deviation))
     inward = -MODEL.touching(g[None])["normal"][0] * np.exp(-1j * g[:, 2])
     stays = math.exp(-1.0 / LASTS)
-    direction = np.angle(inward) + values[var.IN_OBJECT[var.DIRECTION_BIAS]] + correlated(count, ERROR, stays, rng)
+    direction = np.angle(inward) + values[IN_OBJECT[var.DIRECTION_BIAS]] + correlated(count, ERROR, stays, rng)
     begins = np.diff(truth.contact, prepend=False)
     turn = g[:, 2] + rng.uniform(-3.0, 3.0, count)[np.maximum.accumulate(begins * np.arange(count))]  # a contact each
     turn = se2.wrap(turn + correlated(count, ERROR, stays, rng))

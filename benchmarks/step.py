@@ -34,8 +34,8 @@ from threadpoolctl import threadpool_limits
 
 from palpate import DIGIT, ContactDirection, Frame, Measurement, Rectangle, Tracker, TrackerSettings, Turn
 from palpate.geometry import se2
-from palpate.lab.simulate.recordings import Simulation
 from palpate.models.pushing.contact_geometry import contact_model
+from palpate_lab.simulate.recordings import Simulation
 
 Array = NDArray[np.float64]
 Row = dict[str, float | str]

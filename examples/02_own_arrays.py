@@ -12,8 +12,8 @@ import numpy as np
 
 import palpate
 from palpate.geometry import se2
-from palpate.lab.simulate.gel import render
-from palpate.lab.simulate.unit import draw_unit
+from palpate_lab.simulate.gel import render
+from palpate_lab.simulate.unit import draw_unit
 
 BOX = palpate.Rectangle(0.12, 0.08)  # [m]
 LATE = 0.04  # [s]

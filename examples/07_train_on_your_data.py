@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import palpate
-from palpate.lab.train.train import TrainSettings, train
 from palpate.pipeline.track import track
+from palpate_lab.train.train import TrainSettings, train
 
 recordings = sorted(Path(sys.argv[1]).glob("*.mcap"))
 folder = Path(sys.argv[2])

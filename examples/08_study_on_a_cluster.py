@@ -15,9 +15,9 @@ from typing import Any
 
 from distributed import LocalCluster
 
-from palpate.lab.study.recordings import find_recordings
-from palpate.lab.study.results import ALL, table
-from palpate.lab.study.study import StudySettings, run_study
+from palpate_lab.study.recordings import find_recordings
+from palpate_lab.study.results import ALL, table
+from palpate_lab.study.study import StudySettings, run_study
 
 LOOPBACK = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}  # on any port that is free
 HERE: dict[str, Any] = {"n_workers": 2, "threads_per_worker": 1, **LOOPBACK}

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from palpate.lab.parallel import quiet
+from palpate_lab.parallel import quiet
 
 ROOT = Path(__file__).parents[1]
 STUDY = ROOT / "docs/study"

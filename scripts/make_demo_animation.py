@@ -9,9 +9,9 @@ from pathlib import Path
 from PIL import Image
 
 from palpate.config import TrackerSettings
-from palpate.lab.simulate.recordings import demo_recording
 from palpate.pipeline.track import track
 from palpate.viewer.page import pictures
+from palpate_lab.simulate.recordings import demo_recording
 
 if __name__ == "__main__":
     run = track(demo_recording(), TrackerSettings("learnt"))

@@ -14,8 +14,8 @@ import numpy as np
 from palpate import Estimate, Recording, Tracker, TrackerSettings
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES
-from palpate.lab.simulate.recordings import plan
 from palpate.pipeline.metrics import deviations
+from palpate_lab.simulate.recordings import plan
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -16,10 +16,10 @@ from _common import for_each, write
 import palpate
 from palpate.config import ALARMS
 from palpate.estimation.innovations import JUDGED_STEPS
-from palpate.lab.study.recordings import find_recordings
 from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
+from palpate_lab.study.recordings import find_recordings
 
 SECOND = 30  # frames
 

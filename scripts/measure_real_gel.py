@@ -22,13 +22,13 @@ from scipy.ndimage import gaussian_filter
 
 from palpate import DIGIT, GELSIGHT_MINI, Calibration
 from palpate.arrays import Image
-from palpate.lab.train.scores import coverage
 from palpate.touch.background import background_of
 from palpate.touch.calibration import calibrated
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, learn_from_presses
 from palpate.touch.touch_model import difference_in_light, reduced, shipped_model
 from palpate.types.images import read_image
+from palpate_lab.train.scores import coverage
 
 Array = NDArray[np.float64]
 OWN_PITCH = 1e-3 / 19.58  # [m] a pixel on the gel of this unit

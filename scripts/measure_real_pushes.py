@@ -14,9 +14,9 @@ from _common import DATA, for_each, write
 
 import palpate
 from palpate.geometry.se2 import wrap
-from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import flag_runs, translation_errors
 from palpate.pipeline.track import track
+from palpate_lab.study.recordings import find_recordings
 
 
 def main(data: Path) -> None:

@@ -17,10 +17,10 @@ import numpy as np
 from _common import for_each, scores, write
 
 import palpate
-from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
-from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import translation_errors
 from palpate.pipeline.track import track
+from palpate_lab.simulate.set_up_errors import draw_errors, with_errors
+from palpate_lab.study.recordings import find_recordings
 
 NO_ERROR = {"mounting": np.zeros(3), "outline": 1.0, "late": 0, "first_pose": np.zeros(3)}
 DEFAULT = palpate.NoiseSettings()

@@ -17,13 +17,13 @@ from _common import write
 from numpy.typing import NDArray
 
 from palpate.io import load_recording
-from palpate.lab.simulate.unit import draw_unit
-from palpate.lab.study.recordings import find_recordings
-from palpate.lab.train.networks import TouchNetwork, restore
-from palpate.lab.train.samples import KINDS, Samples, read_samples
-from palpate.lab.train.scores import errors_of, judge
 from palpate.models.pushing.contact_geometry import HALF_RIGHT_ANGLE
 from palpate.touch.touch_model import LEAST_CORNER_LOG_ODDS, shipped_model
+from palpate_lab.simulate.unit import draw_unit
+from palpate_lab.study.recordings import find_recordings
+from palpate_lab.train.networks import TouchNetwork, restore
+from palpate_lab.train.samples import KINDS, Samples, read_samples
+from palpate_lab.train.scores import errors_of, judge
 
 Array = NDArray[np.float64]
 

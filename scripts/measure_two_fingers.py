@@ -14,8 +14,8 @@ from _common import for_each, scores, write
 from traced import pushed_by_two_fingers
 
 import palpate
-from palpate.lab.simulate.set_up_errors import draw_errors, with_errors
 from palpate.pipeline.track import track
+from palpate_lab.simulate.set_up_errors import draw_errors, with_errors
 
 SEED = 20261228
 OBJECTS = ("rectangle edges", "ellipse", "disc", "triangle edges")

@@ -18,8 +18,8 @@ from _common import for_each, write
 
 import palpate
 from palpate.geometry import se2
-from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import inside_95, nees
+from palpate_lab.study.recordings import find_recordings
 
 REACH, SIGMA = 0.06, (0.03, 0.03, 1.8)
 """Largest offset of the first pose [m], and the standard deviations that are stated [m, m, rad]."""

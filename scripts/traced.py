@@ -45,14 +45,14 @@ HAND = SensorProfile("CMU two-finger hand", radius=0.0025, tips=((0.0, 0.009), (
 @cache
 def simulated(what: str, seed: int, sensor: SensorProfile = DIGIT, seconds: float = 6.0, **options: Any) -> Recording:
     """Simulate pushes of an object, at a place if it has several: "rectangle corners"."""
-    from palpate.lab.simulate.recordings import Simulation
+    from palpate_lab.simulate.recordings import Simulation
 
     return Simulation(*_shape_and_kind(what), seed, seconds, sensor=sensor, **options).run()
 
 
 def pushed_by_two_fingers(what: str, seed: Any, seconds: float = 6.0, **options: Any) -> Recording:
     """Simulate pushes by CMU's hand, which has no images; the seed may be a random generator."""
-    from palpate.lab.simulate.pushes import draw_sequence, measured
+    from palpate_lab.simulate.pushes import draw_sequence, measured
 
     (shape, kind), rng = _shape_and_kind(what), np.random.default_rng(seed)
     motion = draw_sequence(shape, kind, HAND, rng, seconds, **options)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.lab.simulate.unit import Image, SensorUnit
+from palpate_lab.simulate.unit import Image, SensorUnit
 
 
 def ball_overlap(unit: SensorUnit, radius: float, place: tuple[float, float], indentation: float) -> Image:

@@ -18,15 +18,16 @@ from palpate.manifolds.se2_kernels import position, rotation
 from palpate.models.generated import linearise_measured, linearise_step, put_rotations
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel, Surface, contact_model, put_touch
-from palpate.models.pushing.force import force_angle
+from palpate.models.pushing.force import make_force_angle
 from palpate.models.pushing.layout import IN_SHARED, NAMES, OBJECT_SIZE
 from palpate.models.pushing.measurements import Step, terms_of
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import GRIP
 
 Array = np.ndarray
-LINEAR, ROW, STEP, TERM = (getattr(PUSHING.records, name) for name in ("linear", "row", "step", "term"))
+LINEAR, ROW, STEP, TERM = PUSHING.records.linear, PUSHING.records.row, PUSHING.records.step, PUSHING.records.term
 STEP_FACTORS = NAMES.index("contact") + 1
+force_angle = make_force_angle(PUSHING.model)
 Shared = Mapping[Variable, ArrayLike]
 
 RADIUS = 0.021  # [m], the DIGIT's

@@ -27,7 +27,7 @@ def test_a_long_push_is_felt_where_the_tip_leans():
 
 
 def test_the_reference_finds_a_push_and_the_gate_names_a_slow_case():
-    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
+    pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install 'palpate-lab[paper]'")
     step, graphs = importlib.import_module("step"), importlib.import_module("gtsam_graphs")
     first = np.array([[-0.5 * step.SHAPE.size_x, 0.01, 0.0]])
     objects, sensors = (each[:, 0] for each in step.push(step.MODEL, np.zeros((1, 3)), first, 20, step.Steering()))

@@ -84,11 +84,11 @@ def test_a_camera_puts_a_wrong_pose_right(example):
 
 
 def test_train_on_your_data(example, tmp_path, monkeypatch):
-    pytest.importorskip("torch", reason="torch is not installed: pip install palpate[train]")
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'palpate-lab[train]'")
     from training_samples import DISC, RECTANGLE, pushes
 
     network = TouchModel(EXAMPLES.parent / "src/palpate/data/digit").network  # to export takes a minute
-    monkeypatch.setattr("palpate.lab.train.train.exported", lambda *_: network)
+    monkeypatch.setattr("palpate_lab.train.train.exported", lambda *_: network)
     write_recording(pushes(DISC, 3), tmp_path / "push-0.mcap")
     write_recording(pushes(RECTANGLE, 2), tmp_path / "push-1.mcap")
     write_recording(pushed(), tmp_path / "bare.mcap")
@@ -99,7 +99,7 @@ def test_train_on_your_data(example, tmp_path, monkeypatch):
 
 
 def test_a_study_on_a_cluster(example, tmp_path):
-    pytest.importorskip("distributed", reason="not installed: pip install palpate[cluster]")
+    pytest.importorskip("distributed", reason="not installed: pip install 'palpate-lab[cluster]'")
     for number in range(2):
         write_recording(pushed(20 + number), tmp_path / f"disc-{number}.mcap")
     counts, *table = example("08_study_on_a_cluster.py", tmp_path, tmp_path / "report")

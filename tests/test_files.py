@@ -8,13 +8,13 @@ import pytest
 
 from palpate import FileError
 from palpate.files import whole_file
-from palpate.lab.parallel import held_folder
+from palpate_lab.parallel import held_folder
 
 # Holds something until it is killed.
 CHILD = """
 import sys
 from pathlib import Path
-from palpate.lab.parallel import held_folder
+from palpate_lab.parallel import held_folder
 with held_folder(Path(sys.argv[1])):
     print("in", flush=True)
     sys.stdin.read()

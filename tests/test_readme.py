@@ -42,7 +42,7 @@ def run(line: str, command: Callable[..., Any]) -> None:
 
 
 def test_what_the_readme_says_up_to_the_first_picture_of_ones_own_data(tmp_path, monkeypatch, command):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
     monkeypatch.chdir(tmp_path)
     text = README.read_text(encoding="utf-8")
     begin, last = text.index("\n## Install\n"), text.index("\n## Your own data\n")

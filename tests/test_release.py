@@ -1,9 +1,10 @@
-"""What is released: a wheel that holds the package and nothing else, and works without what the extras bring."""
+"""What is released: two wheels that hold their package and nothing else, and work without what the extras bring."""
 
 import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from email.parser import Parser
 from importlib.metadata import packages_distributions
@@ -16,7 +17,7 @@ import palpate
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# In a Python that finds no module of an extra: runs commands and prints their exit codes.
+# In a Python that finds neither some modules nor some distributions: runs commands and prints their exit codes.
 WITHOUT = """
 import sys
 from importlib.machinery import PathFinder
@@ -24,6 +25,9 @@ class Finder(PathFinder):
     @classmethod
     def find_spec(cls, name, path=None, target=None):
         return None if name.partition(".")[0] in MISSING else super().find_spec(name, path, target)
+    @classmethod
+    def find_distributions(cls, *args):
+        return [each for each in super().find_distributions(*args) if each.name not in MISSING]
 MISSING = set(sys.argv[1].split(","))
 sys.meta_path = [Finder if each is PathFinder else each for each in sys.meta_path]
 import palpate
@@ -39,43 +43,85 @@ def hatchling(folder: Path, target: str, out: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def built(project: Path, name: str, folder: Path, wanted: tuple[str, ...]) -> Path:
+    """Build the wheel of a distribution from its sdist, which holds the wanted files; return its path."""
+    pytest.importorskip("hatchling", reason="hatchling is not installed: pip install palpate[dev]")
+    hatchling(project, "sdist", folder)
+    release = f"{name}-{palpate.__version__}"
+    with tarfile.open(folder / f"{release}.tar.gz") as packed:
+        packed.extractall(folder, filter="data")
+    for file in wanted:
+        assert (folder / release / file).is_file(), file
+    hatchling(folder / release, "wheel", folder)
+    return folder / f"{release}-py3-none-any.whl"
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
-    pytest.importorskip("hatchling", reason="hatchling is not installed: pip install palpate[dev]")
-    folder = tmp_path_factory.mktemp("release")
-    hatchling(ROOT, "sdist", folder)
-    name = f"palpate-{palpate.__version__}"
-    with tarfile.open(folder / f"{name}.tar.gz") as packed:
-        packed.extractall(folder, filter="data")
-    for file in ("README.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", "tests/test_release.py"):
-        assert (folder / name / file).is_file(), file
-    hatchling(folder / name, "wheel", folder)
-    return folder / f"{name}-py3-none-any.whl"
+    wanted = ("README.md", "CHANGELOG.md", "CITATION.cff", "LICENSE", "tests/test_release.py")
+    return built(ROOT, "palpate", tmp_path_factory.mktemp("release"), wanted)
 
 
-def test_the_wheel_holds_the_package_and_nothing_else(wheel):
-    source = ROOT / "src"
-    wanted = {path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file()}
+@pytest.fixture(scope="module")
+def lab_wheel(tmp_path_factory) -> Path:
+    return built(ROOT / "lab", "palpate_lab", tmp_path_factory.mktemp("lab"), ("README.md", "LICENSE"))
+
+
+def install(folder: Path, *wheels: Path) -> None:
+    words = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(folder)]
+    subprocess.run([*words, *map(str, wheels)], check=True)
+
+
+def run_without(missing: list[str], folder: Path, *commands: str) -> "subprocess.CompletedProcess[str]":
+    """Run commands of the wheels that are installed in a folder, in a Python without some modules."""
+    words = [sys.executable, "-c", WITHOUT, ",".join(missing), *commands]
+    environment = {"PYTHONPATH": str(folder), "NO_COLOR": "1"}
+    return subprocess.run(words, cwd=folder, capture_output=True, text=True, env=environment, check=True)
+
+
+def contents(wheel: Path) -> set[str]:
+    """Return the files of a wheel, without its metadata."""
     with zipfile.ZipFile(wheel) as packed:
-        found = {name for name in packed.namelist() if ".dist-info/" not in name}
-    assert found == {name for name in wanted if "__pycache__" not in name}
+        return {name for name in packed.namelist() if ".dist-info/" not in name}
 
 
-def test_the_wheel_works_without_the_extras(wheel, tmp_path):
-    words = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(tmp_path)]
-    subprocess.run([*words, str(wheel)], check=True)
+def sources(folder: Path) -> set[str]:
+    found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return {name for name in found if "__pycache__" not in name}
+
+
+def test_each_wheel_holds_its_package_and_nothing_else(wheel, lab_wheel):
+    assert contents(wheel) == sources(ROOT / "src")
+    assert contents(lab_wheel) == sources(ROOT / "lab" / "src")
+    assert (ROOT / "lab" / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
+
+
+def test_palpate_and_its_laboratory_have_one_version():
+    laboratory = tomllib.loads((ROOT / "lab" / "pyproject.toml").read_text())["project"]
+    assert laboratory["version"] == palpate.__version__
+    assert laboratory["dependencies"] == [f"palpate=={palpate.__version__}"]
+
+
+def test_palpate_alone_tracks_and_names_what_the_laboratory_needs(wheel, tmp_path):
+    install(tmp_path, wheel)
     assert (tmp_path / "bin" / "palpate").exists()
     palpate.write_recording(pushed(), tmp_path / "push.mcap")
-    lacking = {"sim": "simulate out", "train": "train . --out out"}
-    words = [sys.executable, "-c", WITHOUT, ",".join(modules_of_extras(wheel)), "convert push.mcap copy.mcap"]
-    environment = {"PYTHONPATH": str(tmp_path), "NO_COLOR": "1"}
-    done = subprocess.run([*words, *lacking.values()], cwd=tmp_path, capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr
+    missing = ["palpate-lab", "palpate_lab", *modules_of_extras(wheel)]
+    done = run_without(missing, tmp_path, "convert push.mcap copy.mcap", "simulate out", "tune . --out noise.json")
     place, *_, codes = done.stdout.splitlines()
     assert Path(place).is_relative_to(tmp_path)
     assert codes == "[0, 2, 2]"
-    for extra, line in zip(lacking, done.stderr.splitlines(), strict=True):
-        assert line.endswith(f"pip install palpate[{extra}]")
+    simulate, tune = done.stderr.splitlines()
+    assert "simulate" in simulate and simulate.endswith("pip install 'palpate-lab[sim]'")
+    assert "tune" in tune and tune.endswith("pip install 'palpate-lab'")
+
+
+def test_the_laboratory_works_without_its_extras(wheel, lab_wheel, tmp_path):
+    install(tmp_path, wheel, lab_wheel)
+    done = run_without(modules_of_extras(lab_wheel), tmp_path, "simulate out", "train . --out out")
+    assert done.stdout.splitlines()[-1] == "[2, 2]"
+    simulate, train = done.stderr.splitlines()
+    assert simulate.endswith("pip install 'palpate-lab[sim]'") and train.endswith("pip install 'palpate-lab[train]'")
 
 
 def modules_of_extras(wheel: Path) -> list[str]:

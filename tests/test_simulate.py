@@ -14,7 +14,7 @@ import pytest
 
 import palpate
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
 
 SHORT = ("--seconds", "3", "--no-images")
 DISC = ("--shape", "disc", *SHORT)
@@ -153,7 +153,7 @@ def test_a_missing_package_and_a_file_for_a_folder_are_named(fails, monkeypatch)
     Path("file").write_text("")
     assert "file: cannot be written" in fails("simulate", "file")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "pip install palpate[sim]" in fails("simulate", "out") and not Path("out").exists()
+    assert "pip install 'palpate-lab[sim]'" in fails("simulate", "out") and not Path("out").exists()
 
 
 def test_an_interrupt_leaves_whole_files_only():

@@ -64,6 +64,11 @@ def is_cached(function: Any) -> bool:
         return False
 
 
+def hash_of(path: Path) -> str:
+    """Return a short hash of a file of generated code, for the names of functions that it is compiled into."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+
+
 def _jit(function: F, **options: Any) -> F:
     # Division by zero gives inf as in NumPy; a check would cost time in every loop.
     return numba.njit(error_model="numpy", **options)(function)  # pyright: ignore[reportReturnType]

@@ -168,7 +168,7 @@ def test_images_of_an_own_sensor_are_read_by_no_model_until_one_is_given(json_of
 
 
 def test_pushes_show_a_robot(json_of, fails, succeeds):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
     assert "folder" in succeeds("simulate", "made", "--shape", "disc", "--count", "1", "--seconds", "4", "--unit", "3")
     push = palpate.load_recording("made/disc-000000.mcap")
     names = []

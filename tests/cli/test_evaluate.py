@@ -26,7 +26,7 @@ def _in_folder(tmp_path, monkeypatch):
     """Work in a folder with two recordings, where no figures are drawn: that takes seconds."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "250")
-    monkeypatch.setattr("palpate.lab.study.figures.write_figures", lambda *_: None)
+    monkeypatch.setattr("palpate_lab.study.figures.write_figures", lambda *_: None)
     Path("recordings").mkdir()
     write("recordings/disc-1.mcap", pushed(20))
     write("recordings/edges-1.mcap", pushed(40))

@@ -83,8 +83,27 @@ def test_errors_and_exit_codes(run_palpate, monkeypatch):
         run_palpate("info", "push.mcap")
 
 
+def test_another_distribution_adds_a_command_by_an_entry_point(tmp_path, monkeypatch, run_palpate):
+    monkeypatch.syspath_prepend(tmp_path)
+    metadata = tmp_path / "feelings-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: feelings\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[palpate.commands]\nfeel = feelings:feel\nbroken = feelings:absent\n")
+    (tmp_path / "feelings.py").write_text(
+        "from palpate.cli.console import Report\n"
+        "def feel(*, softly: bool = False) -> Report:\n"
+        '    """Feel.\n\n    Args:\n        softly: How.\n    """\n'
+        '    return Report("feeling", {"softly": softly})\n'
+    )
+    code, out, _ = run_palpate("feel", "--softly", "--json")
+    assert (code, json.loads(out)) == (0, {"softly": True})
+    assert run_palpate("fel")[2].endswith("did you mean feel?\n")
+    code, _, err = run_palpate("broken")
+    assert code == 2 and "feelings 1.0" in err and "absent" in err and err.count("\n") == 1
+
+
 def test_demo_replaces_its_run_and_names_its_recording(succeeds):
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
     Path("demo-run").mkdir()
     Path("demo-run/summary.json").write_text("an earlier one")
     out = succeeds("demo")
@@ -99,5 +118,5 @@ def test_demo_fails_in_one_line(fails, monkeypatch):
     Path("demo-run/notes.txt").write_text("mine")
     assert "not replaced" in fails("demo")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "mujoco, which is not installed: pip install palpate[sim]" in fails("demo", "--out", "other")
+    assert "mujoco, which is not installed: pip install 'palpate-lab[sim]'" in fails("demo", "--out", "other")
     assert not Path("other").exists()

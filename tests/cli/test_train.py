@@ -14,8 +14,8 @@ from training_samples import DISC, SENSOR, image, pushes, write_pushes
 
 import palpate
 
-pytest.importorskip("torch", reason="torch is not installed: pip install palpate[train]")
-pytest.importorskip("onnxscript", reason="onnxscript is not installed: pip install palpate[train]")
+pytest.importorskip("torch", reason="torch is not installed: pip install 'palpate-lab[train]'")
+pytest.importorskip("onnxscript", reason="onnxscript is not installed: pip install 'palpate-lab[train]'")
 
 
 @pytest.fixture(scope="module")

@@ -97,7 +97,7 @@ def test_bad_input_is_one_line(fails, words, sentence):
 
 def test_an_interrupted_tuning_leaves_the_best_settings_so_far(tune, monkeypatch):
     judged: list[Any] = []
-    judge = importlib.import_module("palpate.lab.tune.tuning").judge
+    judge = importlib.import_module("palpate_lab.tune.tuning").judge
 
     def until_interrupted(*words: Any) -> Any:
         if len(judged) == 4:  # one of those held out
@@ -105,7 +105,7 @@ def test_an_interrupted_tuning_leaves_the_best_settings_so_far(tune, monkeypatch
         judged.append(judge(*words))
         return judged[-1]
 
-    monkeypatch.setattr("palpate.lab.tune.tuning.judge", until_interrupted)
+    monkeypatch.setattr("palpate_lab.tune.tuning.judge", until_interrupted)
     assert tune(*WORDS)[0] == 130
     tuned = content()["tuned"]
     assert tuned["evaluations"] == 3 and tuned["held_out_after"] is None

@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.io.recording import contact_flags
-from palpate.lab.paper.images import episode_numbers
+from palpate_lab.paper.images import episode_numbers
 
 
 def test_contact_has_hysteresis_and_lasts_through_what_is_not_known():

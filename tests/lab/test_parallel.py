@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from palpate import SettingError
-from palpate.lab.parallel import spread
+from palpate_lab.parallel import spread
 
 
 def half_or_die(number: int) -> float:
@@ -26,7 +26,7 @@ def finds(name: str) -> bool:
 
 @pytest.fixture(scope="module")
 def cluster():
-    distributed = pytest.importorskip("distributed", reason="no distributed: pip install palpate[cluster]")
+    distributed = pytest.importorskip("distributed", reason="no distributed: pip install 'palpate-lab[cluster]'")
     import dask.config
 
     options = {"n_workers": 1, "threads_per_worker": 1, "processes": True, "dashboard_address": "127.0.0.1:0"}
@@ -65,7 +65,7 @@ def test_workers_take_no_modules_from_the_working_folder(is_torch_loaded, tmp_pa
 def test_workers_run_after_opencv_used_threads():
     """They do not outlive a fork, and a worker would wait for them."""
     used = "import cv2, numpy as np; cv2.setNumThreads(4); cv2.GaussianBlur(np.zeros((2000, 2000, 3)), (31, 31), 0)"
-    said = "from palpate.lab.parallel import spread; print(sorted(spread(abs, [1, -2, 3], 2)))"
+    said = "from palpate_lab.parallel import spread; print(sorted(spread(abs, [1, -2, 3], 2)))"
     done = subprocess.run([sys.executable, "-c", f"{used}; {said}"], capture_output=True, timeout=60, check=True)
     assert done.stdout == b"[1, 2, 3]\n"
 

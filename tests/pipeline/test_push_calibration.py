@@ -9,11 +9,11 @@ import pytest
 from palpate import Calibration, ContactDirection, FileError, Frame, Tracker, Turn
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES, scaled
-from palpate.lab.simulate.recordings import Simulation
 from palpate.pipeline.push_calibration import Push, PushFit, learn_from_pushes, read_push
 from palpate.touch.background import background_of
 from palpate.touch.calibration import SetUp, load_calibration, write_calibration
 from palpate.touch.touch_model import shipped_model
+from palpate_lab.simulate.recordings import Simulation
 
 GEL = Calibration(background_of([np.full((320, 240, 3), 100, np.uint8)]))
 OFFSET, SCALE, OUTLINE, SIDEWAYS = 0.05, 1.15, 0.985, 1e-3
@@ -22,7 +22,7 @@ SHOWS_LATE = 3  # frames: two that a touch takes to show, and one
 
 @pytest.fixture(scope="module")
 def exact() -> list:
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
     kinds = (("disc", "disc"), ("ellipse", "ellipse"), ("rectangle", "rectangle-edges"))
     return [Simulation(SHAPES[name], kind, 5, 12.0, images=False, ideal=True).run() for name, kind in kinds]
 

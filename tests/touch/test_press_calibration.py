@@ -14,13 +14,13 @@ from ball import ball_overlap
 
 import palpate
 from palpate import DIGIT, FileError, Frame, Rectangle, Tracker, load_calibration
-from palpate.lab.simulate.gel import touch_image
-from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, VIEWS, CameraView, DirectionCorrection
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, learn_from_presses, read_image, read_presses
 from palpate.touch.touch_model import shipped_model
+from palpate_lab.simulate.gel import touch_image
+from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 Array = np.ndarray
 ANGLES = np.radians([-14.0, -9.0, -4.0, 1.0, 6.0, 13.0])

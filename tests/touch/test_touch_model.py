@@ -21,9 +21,6 @@ from palpate import (
     TouchModel,
     Turn,
 )
-from palpate.lab.simulate.gel import render
-from palpate.lab.simulate.unit import draw_unit
-from palpate.lab.train.samples import difference
 from palpate.touch.calibration import DirectionCorrection
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.touch_model import (
@@ -36,6 +33,9 @@ from palpate.touch.touch_model import (
     reduced,
     shipped_model,
 )
+from palpate_lab.simulate.gel import render
+from palpate_lab.simulate.unit import draw_unit
+from palpate_lab.train.samples import difference
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from palpate import Frame, FrameError, Recording, Run, SettingError, Tracker, Tr
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory, command) -> Recording:
-    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
     folder = tmp_path_factory.mktemp("images") / "simulated"
     options = ("--shape", "rectangle", "--count", 1, "--seconds", 6, "--seed", 79, "--ideal")
     assert command("simulate", folder, *options) == 0

@@ -1,6 +1,5 @@
 """`palpate`: parses the command line, runs a command and turns errors into one line and an exit code."""
 
-import difflib
 import gc
 import inspect
 import io
@@ -9,17 +8,15 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import tyro
 
 from palpate import __version__
+from palpate.cli.commands import find_command, installed_commands
 from palpate.cli.console import complain
-from palpate.cli.recordings import calibrate, convert, info
-from palpate.cli.track import demo, live, track, warm_up
-from palpate.errors import PalpateError, SettingError, printable
+from palpate.errors import PalpateError, printable
 
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files failed. "
@@ -27,16 +24,6 @@ DESCRIPTION = (
 )
 FOR_ALL = "With --json it prints one JSON object; with --debug, an error shows its traceback."
 """Options of every command."""
-
-
-def commands() -> dict[str, Any]:
-    """Return all commands by name, in the order of the help."""
-    lab = import_module("palpate.lab.commands")
-    found = (
-        *(demo, info, track, live, convert, lab.simulate, calibrate, lab.train, lab.paper, lab.evaluate, lab.tune),
-        *(lab.truth_print, lab.truth_camera, lab.truth, warm_up),
-    )
-    return {command.__name__.replace("_", "-"): command for command in found}
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -68,25 +55,22 @@ def main(args: Sequence[str] | None = None) -> int:
     config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
     if words[:1] in ([], ["help"]):
         words = [*words[1:2], "--help"]
-    known = commands()
-    command: Any = known.get(words[0])
+    command: Any = None
     try:
-        if not command and not words[0].startswith("-"):
-            near = difflib.get_close_matches(words[0], known, 1)
-            question = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
-            raise SettingError(f"there is no command {words[0]!r}; {question}")
-        if not command:  # one alone is quicker, since options of all take a tenth of a second
+        if words[0].startswith("-"):  # one command alone is quicker, since options of all take a tenth of a second
             tyro.extras.subcommand_cli_from_dict(
-                known, prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
+                installed_commands(), prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
             )
+        command = find_command(words[0])
         about = f"{inspect.cleandoc(command.__doc__).partition('Args:')[0]}{FOR_ALL}"
         made = tyro.cli(command, prog=f"palpate {words[0]}", description=about, args=words[1:], config=config)
         made.print(as_json)
         sys.stdout.flush()
         return made.code
-    except KeyboardInterrupt:
-        goes_on = "; --resume goes on" if "resume" in inspect.signature(command).parameters else ""
-        complain("stopped" + ("; the same command goes on" if command is known["paper"] else goes_on))
+    except KeyboardInterrupt as stop:
+        can_resume = command is not None and "resume" in inspect.signature(command).parameters
+        hint = str(stop) or ("--resume goes on" if can_resume else "")
+        complain(f"stopped; {hint}" if hint else "stopped")
         return 130
     except BrokenPipeError:  # the reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

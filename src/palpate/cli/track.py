@@ -1,4 +1,4 @@
-"""`palpate track`, `live`, `demo` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
+"""`palpate track`, `live` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
 import webbrowser
 from contextlib import ExitStack
@@ -89,26 +89,6 @@ def track(
     shown = {str(folder): {key: summary[key] for key in SHOWN} for folder, summary in runs.items()}
     data = {"runs": {str(folder): summary for folder, summary in runs.items()}}
     return Report("runs", data, {"runs": shown}, code=3 if len(runs) < len(files) else 0)
-
-
-def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run")) -> Report:
-    """Simulate a push with touch images and track it; shows a table and writes a figure in well under a minute.
-
-    Example: palpate demo --out demo-run
-
-    Args:
-        out: Folder of the run; an earlier run there is replaced.
-    """
-    from palpate.lab.simulate.recordings import demo_recording
-    from palpate.pipeline.run_folder import RECORDING, new_run, write_files
-
-    with new_run(out, force=True) as part:
-        with progress_bar("simulating", 450) as progress:
-            recording = demo_recording(progress)
-        with progress_bar("tracking", len(recording)) as progress:
-            run = palpate.track(recording, palpate.TrackerSettings("learnt"), progress=progress)
-        write_files(run, part)
-    return run_report(out, run.summary, f"A DIGIT pushes a rectangle in simulation. The recording: {out / RECORDING}")
 
 
 def run_report(folder: Path, summary: dict[str, Any], *notes: str) -> Report:

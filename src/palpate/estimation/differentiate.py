@@ -11,16 +11,19 @@ import sympy
 
 from palpate.errors import SettingError
 
-Assignments = list[tuple[sympy.Symbol, sympy.Expr]]
+Expression = Any
+"""An expression or a symbol of SymPy, whose own types know less."""
+Assignments = list[tuple[Expression, Expression]]
+"""Lines of code: the name and the value of each."""
 ONE = sympy.Integer(1)
 
 
 def with_calls_named(
-    lines: Assignments, rows: Sequence[sympy.Expr], names: Iterator[sympy.Symbol]
-) -> tuple[Assignments, list[sympy.Expr]]:
+    lines: Assignments, rows: Sequence[Expression], names: Iterator[Expression]
+) -> tuple[Assignments, list[Expression]]:
     """Return the lines and rows with lines of their own for each call of a function and for its arguments."""
     calls = _Calls(names)
-    same: dict[sympy.Symbol, sympy.Expr] = {}
+    same: dict[Expression, Expression] = {}
     for symbol, value in lines:
         shorter = calls.named(value.xreplace(same))
         if shorter.is_Atom:
@@ -34,12 +37,12 @@ def with_calls_named(
 class _Calls:
     """Lines that call functions, each call once."""
 
-    def __init__(self, names: Iterator[sympy.Symbol]) -> None:
+    def __init__(self, names: Iterator[Expression]) -> None:
         self.lines: Assignments = []
         self._names = names
-        self._known: dict[sympy.Expr, sympy.Symbol] = {}
+        self._known: dict[Expression, Expression] = {}
 
-    def named(self, value: sympy.Expr) -> sympy.Expr:
+    def named(self, value: Expression) -> Expression:
         """Return an expression with names in place of the calls in it."""
         if value.is_Atom:
             return value
@@ -48,7 +51,7 @@ class _Calls:
             return value.func(*arguments)
         return self._name(value.func(*(self._name(argument) for argument in arguments)))
 
-    def _name(self, value: sympy.Expr) -> sympy.Expr:
+    def _name(self, value: Expression) -> Expression:
         if value.is_Atom:
             return value
         if value not in self._known:
@@ -60,7 +63,7 @@ class _Calls:
 class Derivatives:
     """Derivatives of the rows of one residual by the columns of a Jacobian."""
 
-    def __init__(self, name: str, lines: Assignments, derivatives: dict[sympy.Symbol, dict[int, Any]]) -> None:
+    def __init__(self, name: str, lines: Assignments, derivatives: dict[Expression, dict[int, Any]]) -> None:
         """Take the name of the factor, the lines before its rows, and the derivatives of what is read by columns."""
         self._name = name
         self._lines = lines
@@ -74,14 +77,14 @@ class Derivatives:
             if value.free_symbols & self._active:
                 self._active.add(symbol)
 
-    def of(self, row: sympy.Expr) -> dict[int, sympy.Expr]:
+    def of(self, row: Expression) -> dict[int, Expression]:
         """Return the derivatives of a row by column, of columns on which it depends."""
-        slopes: dict[sympy.Symbol, sympy.Expr] = {}
+        slopes: dict[Expression, Expression] = {}
         self._add(slopes, ONE, row)
         for symbol, value in reversed(self._lines):
             if symbol in slopes:
                 self._add(slopes, self._named(slopes.pop(symbol)), value, symbol)
-        columns: dict[int, sympy.Expr] = {}
+        columns: dict[int, Expression] = {}
         for symbol in sorted(slopes, key=str):
             slope = slopes[symbol] if len(self._by_column[symbol]) == 1 else self._named(slopes[symbol])
             for column, by in self._by_column[symbol].items():
@@ -90,10 +93,10 @@ class Derivatives:
 
     def _add(
         self,
-        slopes: dict[sympy.Symbol, sympy.Expr],
-        slope: sympy.Expr,
-        line: sympy.Expr,
-        result: sympy.Symbol | None = None,
+        slopes: dict[Expression, Expression],
+        slope: Expression,
+        line: Expression,
+        result: Expression | None = None,
     ) -> None:
         """Add the derivative of a line, times a slope, to those of the symbols in it; `result` is the line's name."""
         for symbol in self._ordered(line.free_symbols & self._active):
@@ -108,7 +111,7 @@ class Derivatives:
             by = self._calls.named(by)
             slopes[symbol] = slopes.get(symbol, sympy.Integer(0)) + slope * by
 
-    def _named(self, slope: sympy.Expr) -> sympy.Expr:
+    def _named(self, slope: Expression) -> Expression:
         """Return a symbol for a derivative, unless it is as short as one."""
         if slope.is_Atom or (slope.is_Mul and len(slope.args) == 2 and slope.args[0] == -1 and slope.args[1].is_Atom):
             return slope
@@ -117,5 +120,5 @@ class Derivatives:
         return symbol
 
     @staticmethod
-    def _ordered(symbols: Iterable[sympy.Symbol]) -> list[sympy.Symbol]:
+    def _ordered(symbols: Iterable[Expression]) -> list[Expression]:
         return sorted(symbols, key=str)

@@ -71,8 +71,8 @@ def make_eliminate(first: int, count: int, width: int) -> Any:
     def eliminate(system: Array, gradient: Array, root: Array, y: Array) -> bool:
         """Eliminate numbers; False if they are indeterminate.
 
-        Their rows of the upper Cholesky root, and of root^-T gradient, are written to root (count, width) and y (count,).
-        Rows are computed in full, which is quicker than their upper triangle.
+        Their rows of the upper Cholesky root, and of root^-T gradient, are written to root (count, width) and y
+        (count,). Rows are computed in full, which is quicker than their upper triangle.
         """
         for p in range(count):
             pivot = first + p

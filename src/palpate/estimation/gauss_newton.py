@@ -201,8 +201,8 @@ def make_add(width: int) -> Any:
         """Add the rows of a factor to the system and their costs to those of the step, and clear them.
 
         The cost is half the square of each row, reduced by its kernel. A Cauchy kernel of scale k gives a square s the
-        weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The costs of
-        several rows under one kernel add up to this.
+        weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The
+        costs of several rows under one kernel add up to this.
         """
         for r in range(count):
             row = out.jacobian[r]

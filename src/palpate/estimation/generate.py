@@ -72,17 +72,17 @@ class _Printer(PythonCodePrinter):
     def _is_inline(self, symbol: sympy.Symbol) -> bool:
         return symbol in self._load and self._uses[symbol] == 1 and " if " not in self._load[symbol]
 
-    def _print_Symbol(self, symbol: sympy.Symbol) -> str:
-        return self._load[symbol] if self._is_inline(symbol) else str(symbol)
+    def _print_Symbol(self, expr: Any) -> str:
+        return self._load[expr] if self._is_inline(expr) else str(expr)
 
-    def _print_Float(self, number: sympy.Float) -> str:
-        return repr(float(number))
+    def _print_Float(self, expr: Any) -> str:
+        return repr(float(expr))
 
-    def _print_Integer(self, number: sympy.Integer) -> str:
-        return f"{int(number)}.0"
+    def _print_Integer(self, expr: Any) -> str:
+        return f"{int(expr)}.0"
 
-    def _print_Rational(self, number: sympy.Rational) -> str:
-        return repr(float(number))
+    def _print_Rational(self, expr: Any) -> str:
+        return repr(float(expr))
 
     def _print_exp(self, call: sympy.Function) -> str:
         return f"math.exp({self._print(call.args[0])})"
@@ -93,11 +93,11 @@ class _Printer(PythonCodePrinter):
     def _print_cos(self, call: sympy.Function) -> str:
         return f"math.cos({self._print(call.args[0])})"
 
-    def _print_Pow(self, power: sympy.Pow, **_more: Any) -> str:
-        base = self.parenthesize(power.base, PRECEDENCE["Pow"])
-        if power.exp.is_Integer:
-            return f"{base}**{int(power.exp)}" if power.exp > 0 else f"{base}**({int(power.exp)})"
-        return f"{base}**{self.parenthesize(power.exp, PRECEDENCE['Pow'])}"
+    def _print_Pow(self, expr: Any, rational: bool = False) -> str:
+        base = self.parenthesize(expr.base, PRECEDENCE["Pow"])
+        if expr.exp.is_Integer:
+            return f"{base}**{int(expr.exp)}" if expr.exp > 0 else f"{base}**({int(expr.exp)})"
+        return f"{base}**{self.parenthesize(expr.exp, PRECEDENCE['Pow'])}"
 
 
 def _atoms(value: Any) -> Iterable[sympy.Symbol]:
@@ -167,7 +167,7 @@ def _step_functions(model: Model) -> Iterable[str]:
         [
             "@kernel",
             "def difference(past: Records, now: Records, error: Array, change: Array) -> None:",
-            '    """Write the tangent vector from the variables of a past step to those of this one; `error` is room."""',
+            '    """Write the tangent vector from a past step to this one; `error` is room."""',
             *compare,
         ]
     )
@@ -191,7 +191,9 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
     weight = [sympy.sympify(_called(factor.weight, arguments))] if factor.weight else []
     condition = [_called(factor.applies, arguments)] if factor.applies else []
     names = sympy.numbered_symbols("t")
-    temporaries, outputs = with_calls_named(*sympy.cse([*residual, *variance, *weight], names, order="none"), names)
+    reduced: Any
+    repeated, reduced = sympy.cse([*residual, *variance, *weight], names, order="none")
+    temporaries, outputs = with_calls_named(repeated, reduced, names)
     count = len(residual)
     derivatives = Derivatives(factor.name, temporaries, symbols.derivatives)
     jacobian = [derivatives.of(row) for row in outputs[:count]]

@@ -85,9 +85,9 @@ def make_put_innovation(model: Functions) -> Any:
     ) -> None:
         """Write the innovations of the linearised rows of a factor of step k, and clear these.
 
-        The residual r once all is fused, and the variance a = H P H' that is left of it, give the innovation r R / (R - a)
-        before the row was fused with variance R, and the variance a R / (R - a) of what was predicted. There is none where
-        nothing else predicts the row. A `stated` variance of 0 is that of the settings.
+        The residual r once all is fused, and the variance a = H P H' that is left of it, give the innovation
+        r R / (R - a) before the row was fused with variance R, and the variance a R / (R - a) of what was predicted.
+        There is none where nothing else predicts the row. A `stated` variance of 0 is that of the settings.
         """
         size = model.step_size
         surprise = steps[len(steps) - 1].surprise

@@ -6,15 +6,18 @@ and of the shared variables.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from palpate.errors import SettingError
-from palpate.estimation.factor import READS, Factor
+from palpate.estimation.factor import READS, Factor, Steps
 from palpate.estimation.variable import Scope, Variable
+
+_STAGE: dict[Steps | None, int] = {"pair": 0, "every": 1, "first": 1, None: 2}
+"""Order in which factors are added to the system."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +46,18 @@ class Model:
                     raise SettingError(
                         f"factor {factor.name!r} reads {name!r}, which the model lacks; known are {known}"
                     )
-        order = [("pair", "every", "first", None).index(factor.steps) for factor in self.factors]
-        if [place > 0 for place in order] != sorted(place > 0 for place in order) or [
-            place == 3 for place in order
-        ] != sorted(place == 3 for place in order):
+        stages = [_STAGE[factor.steps] for factor in self.factors]
+        if stages != sorted(stages):
             raise SettingError("factors of pairs of steps come first, and those of measurements last")
+
+    def extended(self, variables: Sequence[Variable] = (), factors: Sequence[Factor] = ()) -> "Model":
+        """Return the model with more variables and factors, such as of a sensor that palpate does not know."""
+        before = [factor for factor in self.factors if factor.steps is not None]
+        measured = [factor for factor in self.factors if factor.steps is None]
+        pairs = [factor for factor in (*before, *factors) if factor.steps == "pair"]
+        single = [factor for factor in (*before, *factors) if factor.steps in ("every", "first")]
+        measured += [factor for factor in factors if factor.steps is None]
+        return replace(self, variables=(*self.variables, *variables), factors=(*pairs, *single, *measured))
 
     def of(self, *scopes: Scope) -> tuple[Variable, ...]:
         """Return the variables of some scopes, in the order of these."""

@@ -1,7 +1,7 @@
 """Signed distance from an outline on a grid, with a smooth interpolant between the nodes.
 
 The interpolant is the natural cubic B-spline through the node values. Its second derivatives are continuous, and value,
-gradient and Hessian belong together, as the smoother needs them. `palpate.models.pushing.contact_geometry` evaluates it.
+gradient and Hessian belong together, as the smoother needs them. `models.pushing.contact_geometry` evaluates it.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The functions of `manifolds.functions` as SymPy knows them, with their derivatives. Needed while code is generated."""
+"""The functions of `manifolds.functions` as SymPy knows them, with their derivatives; for generating code."""
 
 from typing import Any
 

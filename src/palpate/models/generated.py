@@ -24,9 +24,10 @@ import math
 
 from palpate.arrays import Array, Records
 from palpate.compiled import kernel
+from palpate.estimation.whitening import whiten
 from palpate.manifolds.function_kernels import (
-    beyond,
     bearing,
+    beyond,
     clamp,
     half_cotangent,
     half_cotangent_slope,
@@ -37,7 +38,6 @@ from palpate.manifolds.function_kernels import (
     wrap,
 )
 from palpate.manifolds.se2_kernels import between, cauchy, exp_onto, log, rotation
-from palpate.estimation.whitening import whiten
 from palpate.models.pushing.corner import nearest_corner
 
 
@@ -57,7 +57,7 @@ def copy_step(now: Records, past: Records) -> None:
 
 @kernel
 def difference(past: Records, now: Records, error: Array, change: Array) -> None:
-    """Write the tangent vector from the variables of a past step to those of this one; `error` is room."""
+    """Write the tangent vector from a past step to this one; `error` is room."""
     between(past.g, now.g, error)
     log(error, change[0:3])
     between(past.e, now.e, error)

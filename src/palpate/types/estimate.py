@@ -64,9 +64,9 @@ class Estimate:
     contact_normal: Array | None = None
     """Outward normal of the outline there, (2,), world frame; None between contacts."""
     innovations: Array | None = None
-    """Innovations of the factors `palpate.models.pushing.layout.NAMES`, by the best answer, (F, 6, 3): for each row difference
-    of measured and predicted before it was fused, variance of the prediction, and stated one, which is 0 where there is
-    none. Of sticking and balance, what is left once all is fused. None between contacts."""
+    """Innovations of the factors `palpate.models.pushing.layout.NAMES`, by the best answer, (F, 6, 3): for each row
+    difference of measured and predicted before it was fused, variance of the prediction, and stated one, which is 0
+    where there is none. Of sticking and balance, what is left once all is fused. None between contacts."""
 
 
 @dataclass(frozen=True, eq=False)

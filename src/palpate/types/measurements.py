@@ -118,7 +118,8 @@ class OwnMeasurement(Measurement):
     """Base of a measurement with its own residual: derive from it to measure what palpate has no factor for."""
 
     on: ClassVar[tuple[str, ...]]
-    """Names of the unknowns that it depends on: "object_pose", "sensor", or others of `palpate.models.pushing.variables`."""
+    """Names of the unknowns that it depends on: "object_pose", "sensor", or others of
+    `palpate.models.pushing.variables`."""
     time: float | None = None
     """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
 

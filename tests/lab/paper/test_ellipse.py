@@ -8,10 +8,10 @@ import pytest
 from ball import ball_overlap
 
 from palpate import DIGIT, Background
-from palpate.lab.paper.images import ellipse_features, patch_outline
-from palpate.lab.simulate.gel import touch_image
-from palpate.lab.simulate.unit import SensorUnit, draw_unit
 from palpate.touch.background import background_of
+from palpate_lab.paper.images import ellipse_features, patch_outline
+from palpate_lab.simulate.gel import touch_image
+from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,11 @@ import pytest
 
 from palpate import Rectangle, SensorProfile
 from palpate.geometry import se2
-from palpate.lab.paper.transform_network import expanded, fit_linear, reversed_pairs, validation_loss
 from palpate.models.pushing.contact_geometry import contact_model
+from palpate_lab.paper.transform_network import expanded, fit_linear, reversed_pairs, validation_loss
 
-pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install palpate[paper]")
-from palpate.lab.paper.graph import (
+pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install 'palpate-lab[paper]'")
+from palpate_lab.paper.graph import (
     compared_frames,
     contact_residual,
     quasi_static_residual,

@@ -9,8 +9,8 @@ import pytest
 from ball import ball_overlap
 
 from palpate import DIGIT, GELSIGHT_MINI, Disc, Ellipse, Polygon, Rectangle
-from palpate.lab.simulate.gel import Side, prism_overlap, render, touch_image
-from palpate.lab.simulate.unit import SensorUnit, draw_unit
+from palpate_lab.simulate.gel import Side, prism_overlap, render, touch_image
+from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 SQUARE, SIDE = Rectangle(0.09, 0.09), Side()
 UNITS = [draw_unit(DIGIT, seed) for seed in range(6)]

@@ -9,7 +9,7 @@ import pytest
 
 import palpate
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,13 @@ import pytest
 
 from palpate import DIGIT, Disc, track
 from palpate.geometry import se2
-from palpate.lab.simulate import set_up_errors
-from palpate.lab.simulate.recordings import Simulation
-from palpate.lab.simulate.scene import WARM_UP
-from palpate.lab.simulate.set_up_errors import Mark, draw_errors, worn
-from palpate.lab.simulate.unit import draw_unit
+from palpate_lab.simulate import set_up_errors
+from palpate_lab.simulate.recordings import Simulation
+from palpate_lab.simulate.scene import WARM_UP
+from palpate_lab.simulate.set_up_errors import Mark, draw_errors, worn
+from palpate_lab.simulate.unit import draw_unit
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
 
 DISC = Disc(0.088)
 RISE = np.array([0.1, -0.1, 0.02]) / WARM_UP

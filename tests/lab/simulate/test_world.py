@@ -8,10 +8,10 @@ import pytest
 
 from palpate import DIGIT, GELSIGHT_MINI, POINT, Disc, Ellipse, Polygon, Rectangle, SensorProfile, SettingError
 from palpate.geometry import se2
-from palpate.lab.simulate.scene import WorldSettings, convex_parts, draw_settings
-from palpate.lab.simulate.world import Shove, World
+from palpate_lab.simulate.scene import WorldSettings, convex_parts, draw_settings
+from palpate_lab.simulate.world import Shove, World
 
-pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install palpate[sim]")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'palpate-lab[sim]'")
 
 DISC, RECTANGLE, ELLIPSE = Disc(0.088), Rectangle(0.2363, 0.1579), Ellipse(0.1638, 0.2428)
 TEE = Polygon(
@@ -120,7 +120,7 @@ def test_a_run_may_be_cut_in_two_and_the_frame_of_the_world_does_not_matter():
 
 
 def test_a_gel_drifts_until_it_is_warm(monkeypatch):
-    monkeypatch.setattr("palpate.lab.simulate.world.WARM_UP", 1.5)
+    monkeypatch.setattr("palpate_lab.simulate.world.WARM_UP", 1.5)
     new = WorldSettings(feet=ring(0.07), gel_friction=0.25)
     before, after = (
         pushed(RECTANGLE, replace(new, gel_drift=drift), pushing=50, velocity=(0.01, -0.02))[1]
@@ -195,5 +195,5 @@ def test_a_point_and_a_missing_simulator_are_refused(monkeypatch):
     with pytest.raises(SettingError, match="radius 0"):
         World(WorldSettings(feet=ring(0.05)), DISC, POINT, np.zeros(3), (-0.3, 0.0, 0.0))
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(SettingError, match=r"pip install palpate\[sim\]"):
+    with pytest.raises(SettingError, match=r"pip install 'palpate-lab\[sim\]'"):
         World(WorldSettings(feet=ring(0.05)), DISC, DIGIT, np.zeros(3), (-0.3, 0.0, 0.0))

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.lab.study.results import table
-from palpate.lab.study.study import Trial
+from palpate_lab.study.results import table
+from palpate_lab.study.study import Trial
 
 
 def trial(final_mm: float, method: str = "none", group: str = "disc", **summary: Any) -> Trial:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate import DIGIT, GELSIGHT_MINI
-from palpate.lab.train.augment import Augmentation, batch, draw_groups, symmetry, varied_batch
-from palpate.lab.train.samples import KINDS, Samples
+from palpate_lab.train.augment import Augmentation, batch, draw_groups, symmetry, varied_batch
+from palpate_lab.train.samples import KINDS, Samples
 
 LENGTHS = [5, 80, 11, 200, 6]
 NONE = Augmentation((1.0, 1.0), (1.0, 1.0), 0.0, (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)

@@ -9,8 +9,8 @@ from scipy.stats import multivariate_normal, norm
 from torch import nn
 
 from palpate import EstimationError, FileError
-from palpate.lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
-from palpate.lab.train.networks import gaussian, imprint, keypoint
+from palpate_lab.train.fit import FitSettings, fit, gaussian_nll, offset_nll
+from palpate_lab.train.networks import gaussian, imprint, keypoint
 
 
 def drawn(*size: int, seed: int = 0) -> torch.Tensor:

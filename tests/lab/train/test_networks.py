@@ -10,10 +10,10 @@ from scipy.stats import norm
 from test_augment import samples
 
 from palpate import EstimationError
-from palpate.lab.train.networks import WIDTH, Together, TouchNetwork, exported, restore
-from palpate.lab.train.scores import coverage, measure_spread, spread_of, without_offsets
-from palpate.lab.train.train import TrainSettings, split
 from palpate.touch.touch_model import COLUMNS, OUTPUTS, ROWS, session
+from palpate_lab.train.networks import WIDTH, Together, TouchNetwork, exported, restore
+from palpate_lab.train.scores import coverage, measure_spread, spread_of, without_offsets
+from palpate_lab.train.train import TrainSettings, split
 
 COUNT = 60_000
 EPISODE = np.repeat(np.arange(COUNT // 300), 300)

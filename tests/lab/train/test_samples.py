@@ -9,10 +9,10 @@ from training_samples import DISC, RECTANGLE, on_disc, on_left_side, recording
 
 from palpate import DIGIT, Background, Calibration, Ellipse, FileError, Polygon, Shape, write_recording
 from palpate.geometry import se2
-from palpate.lab.train.samples import KINDS, SHOWN, read_samples, samples_of
 from palpate.touch.calibration import CameraView, DirectionCorrection
 from palpate.touch.touch_model import COLUMNS, ROWS
 from palpate.types.images import encode_image
+from palpate_lab.train.samples import KINDS, SHOWN, read_samples, samples_of
 
 RADIUS = DIGIT.radius
 
@@ -154,7 +154,7 @@ def test_recordings_are_joined_in_order(tmp_path, monkeypatch):
     bare = dataclasses.replace(given["a"], image=None)
     files, counted = write(tmp_path, **given, e=bare), []
     # As several processes may give them.
-    monkeypatch.setattr("palpate.lab.train.samples.spread", lambda f, items, _: map(f, reversed(items)))
+    monkeypatch.setattr("palpate_lab.train.samples.spread", lambda f, items, _: map(f, reversed(items)))
     found, sensor, failed = read_samples(files, progress=counted.append)
     assert sensor == given["a"].sensor
     assert counted == [1, 2, 3, 4, 5]

@@ -23,9 +23,11 @@ from palpate import (
 )
 from palpate.config import Priors
 from palpate.geometry import se2
-from palpate.lab.study.study import StudySettings, track_file
-from palpate.lab.tune import tuning
-from palpate.lab.tune.tuning import (
+from palpate.touch.background import background_of
+from palpate.touch.calibration import Calibration, SetUp
+from palpate_lab.study.study import StudySettings, track_file
+from palpate_lab.tune import tuning
+from palpate_lab.tune.tuning import (
     TUNABLE,
     WORST,
     Judgement,
@@ -37,8 +39,6 @@ from palpate.lab.tune.tuning import (
     value_of,
     with_value,
 )
-from palpate.touch.background import background_of
-from palpate.touch.calibration import Calibration, SetUp
 
 Files = dict[str, Path]
 STEPS = 16

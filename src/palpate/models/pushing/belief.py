@@ -13,8 +13,6 @@ from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.priors import ObjectPrior
 from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
-OBJECT_SIZE = MODEL.object_size
-"""Numbers of the object's variables."""
 _IN_OBJECT = MODEL.in_object
 _DEPTH = 3 + _IN_OBJECT[DEPTH].start
 _SCALE = 3 + _IN_OBJECT[OUTLINE_SCALE].start
@@ -28,12 +26,12 @@ class Belief(RowArrays):
     pose: Array
     """world_T_object, (B, 3) [m, m, rad]."""
     values: Array
-    """Variables that belong to the object, (B, OBJECT_SIZE)."""
+    """Variables that belong to the object, (B, V)."""
     covariance: Array
-    """Joint covariance (B, 3 + OBJECT_SIZE, 3 + OBJECT_SIZE); of the pose in its tangent space (right, body frame)."""
+    """Joint covariance (B, 3 + V, 3 + V); of the pose in its tangent space (right, body frame)."""
 
     def __getitem__(self, variable: Variable) -> Array:
-        """Return a variable of the object, (B, dimension)."""
+        """Return a variable of pushing that belongs to the object, (B, dimension)."""
         return self.values[:, _IN_OBJECT[variable]]
 
     def __len__(self) -> int:
@@ -45,7 +43,7 @@ class Belief(RowArrays):
         return self.covariance[:, :3, :3]
 
     def variances(self, derivatives: Array) -> Array:
-        """Return the variances (B, P) of numbers with these derivatives (B, P, 3 + OBJECT_SIZE) by the belief."""
+        """Return the variances (B, P) of numbers with these derivatives (B, P, 3 + V) by the belief."""
         return np.einsum("bpi,bij,bpj->bp", derivatives, self.covariance, derivatives)
 
     def inflated(self, covariance: Array) -> "Belief":
@@ -71,7 +69,7 @@ class Belief(RowArrays):
 def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tuple[Array, Array]:
     """Return the distances (B, P) [m] of sensor poses (P, 3) from the object, and their derivatives by the belief.
 
-    These are (B, P, 3 + OBJECT_SIZE), in the order of `Belief.covariance`.
+    These are (B, P, 3 + V), in the order of `Belief.covariance`.
     """
     g = se2.between(belief.pose[:, None], sensor_poses)
     near = model.touching(g)
@@ -83,7 +81,7 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     position = g[..., 0] + 1j * g[..., 1]
     by_g = near["gap_by_g"]
     force = np.exp(1j * g[..., 2]) * (by_g[..., 0] + 1j * by_g[..., 1])
-    derivative = np.zeros((*gap.shape, _TANGENT + OBJECT_SIZE))
+    derivative = np.zeros((*gap.shape, _TANGENT + belief.values.shape[1]))
     derivative[..., 0] = -force.real
     derivative[..., 1] = -force.imag
     derivative[..., 2] = -by_g[..., 2] - (position.conj() * force).imag

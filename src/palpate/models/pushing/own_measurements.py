@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from palpate.arrays import Array
 from palpate.checks import without_gradient
 from palpate.errors import EstimationError, SettingError
+from palpate.estimation.model import Model
 from palpate.estimation.records import MOST_OWN_ROWS
 from palpate.estimation.variable import Variable
 from palpate.geometry import se2
@@ -37,6 +38,8 @@ class OwnMeasurements:
     """Classes so far, and True if their Jacobian is the derivative of their residual."""
     warned: set[type] = field(default_factory=set)
     """Classes that a warning has already named."""
+    model: Model = MODEL
+    """Variables that measurements may be of."""
 
     def evaluated(self, first: int, steps: NDArray[np.void], shared: Array) -> Array:
         """Return the residuals and Jacobians (B, M, 6, 1 + last size) at steps (B, N), of which `first` is the first.
@@ -53,7 +56,7 @@ class OwnMeasurements:
             if not self.is_right.get(kind, True):
                 continue
             try:
-                _check_variables(measurement, is_resting)
+                _check_variables(self.model, measurement, is_resting)
                 rows.append(self._of_all_rows(measurement, steps[:, step - first], shared))
                 usable.append((step, measurement))
             except EstimationError as error:
@@ -62,13 +65,13 @@ class OwnMeasurements:
                     logger.warning("frame at %.3f s: %s; %s left out, further ones silently", self.time, error, which)
                 self.warned.add(kind)
         self.given = usable
-        return np.stack(rows, axis=1) if rows else np.empty((len(steps), 0, MOST_OWN_ROWS, 1 + MODEL.last_size))
+        return np.stack(rows, axis=1) if rows else np.empty((len(steps), 0, MOST_OWN_ROWS, 1 + self.model.last_size))
 
     def _of_all_rows(self, measurement: OwnMeasurement, step: NDArray[np.void], shared: Array) -> Array:
         """Return residual and Jacobian (B, 6, 1 + last size) of a measurement at its step of all rows (B,)."""
-        linear = np.zeros((len(step), MOST_OWN_ROWS, 1 + MODEL.last_size))
+        linear = np.zeros((len(step), MOST_OWN_ROWS, 1 + self.model.last_size))
         for b in range(len(step)):
-            values = values_at(step["g"][b], step["e"][b], shared[b])
+            values = values_at(self.model, step["g"][b], step["e"][b], shared[b])
             residual, jacobian = self._linearised(measurement, values)
             linear[b, : len(residual), 0] = residual
             linear[b, : len(residual), 1:] = jacobian
@@ -104,24 +107,24 @@ class OwnMeasurements:
             self.is_right[kind] = not wrong
             if wrong:
                 raise EstimationError(f"measurement {name} {wrong}")
-        return residual, _by_all(jacobian, variables, values[SENSOR_IN_OBJECT])
+        return residual, _by_all(self.model, jacobian, variables, values[SENSOR_IN_OBJECT])
 
 
-def _check_variables(measurement: OwnMeasurement, is_resting: bool) -> None:
+def _check_variables(model: Model, measurement: OwnMeasurement, is_resting: bool) -> None:
     """Raise EstimationError if a measurement is of variables that there are not while nothing touches the object."""
     if not is_resting:
         return
-    known = (OBJECT_POSE, *MODEL.of("object"))
+    known = (OBJECT_POSE, *model.of("object"))
     for name in measurement.on:
         if named(name) not in known:
             allowed = ", ".join(variable.name for variable in known)
             raise EstimationError(f"measurement {type(measurement).__name__} is of {name}; at rest there are {allowed}")
 
 
-def values_at(g: Array, e: Array, shared: Array) -> dict[Variable, Array]:
+def values_at(model: Model, g: Array, e: Array, shared: Array) -> dict[Variable, Array]:
     """Return the values of all variables at poses g and e (3,) and shared variables (V,)."""
     values = {SENSOR_IN_OBJECT: g, SENSOR: e, OBJECT_POSE: se2.compose(e, se2.inverse(g))}
-    for variable, place in MODEL.in_shared.items():
+    for variable, place in model.in_shared.items():
         values[variable] = shared[place]
     return values
 
@@ -139,10 +142,10 @@ def check_own(measurement: OwnMeasurement) -> None:
     check_time(name, measurement.time)
 
 
-def _by_all(jacobian: Array, variables: Sequence[Variable], g: Array) -> Array:
+def _by_all(model: Model, jacobian: Array, variables: Sequence[Variable], g: Array) -> Array:
     """Return a Jacobian by some variables as one by g, e and the shared variables."""
     by_variable = {
-        variable: np.zeros((len(jacobian), variable.dimension)) for variable in (*MODEL.of("step"), *MODEL.shared)
+        variable: np.zeros((len(jacobian), variable.dimension)) for variable in (*model.of("step"), *model.shared)
     }
     ends = np.cumsum([variable.dimension for variable in variables])
     for variable, part in zip(variables, np.split(jacobian, ends[:-1], axis=1), strict=True):

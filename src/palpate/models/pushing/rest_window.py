@@ -1,17 +1,17 @@
 """The window of an object that rests: one step, in which the object stands in the sensor's place.
 
-Then g is the identity and e the object's pose, so that measurements of the object's pose, and of one's own, are the same
-factors as in a contact. What belongs to a contact keeps its prior.
+Then g is the identity and e the object's pose, so that measurements of the object's pose, and of one's own, are the
+same factors as in a contact. What belongs to a contact keeps its prior.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
+from palpate.estimation.compiled_model import CompiledModel
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel
-from palpate.models.pushing.layout import LAST_SIZE
 from palpate.models.pushing.measurements import Step, terms_of
 from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.variables import SENSOR, SENSOR_IN_OBJECT
@@ -19,7 +19,6 @@ from palpate.models.pushing.window import PushingWindow, begun
 
 _PINNED = 1e18
 """[1/m^2], [1/rad^2] Information that keeps the object in the sensor's place: its variance adds nothing to others."""
-_MODEL = PUSHING.model
 
 
 class RestWindow(PushingWindow):
@@ -32,31 +31,33 @@ class RestWindow(PushingWindow):
         belief: Belief,
         step: Step,
         own: OwnMeasurements,
+        compiled: CompiledModel = PUSHING,
     ) -> None:
         """Take B beliefs about the object and the measurements of a frame; those of an earlier time count as of now.
 
         Raises EstimationError if they leave the object indeterminate in a hypothesis.
         """
-        steps, rows = begun(belief, belief.pose, np.ones(len(belief)))
+        steps, rows = begun(compiled, belief, belief.pose, np.ones(len(belief)))
         steps["is_resting"] = 1.0
         steps["g"] = 0.0
         rows["past"]["g"] = 0.0
-        pinned = _MODEL.in_step[SENSOR_IN_OBJECT]
+        pinned = compiled.model.in_step[SENSOR_IN_OBJECT]
         for k in range(pinned.start, pinned.stop):
             rows["past"]["information"][:, k, k] = _PINNED
-        super().__init__(PUSHING, settings, model.surface, model.corners, np.zeros(LAST_SIZE), steps, rows, 1, own)
-        self._join(*terms_of(PUSHING, step, 0), step.times[-1])
+        drift = np.zeros(compiled.model.last_size)
+        super().__init__(compiled, settings, model.surface, model.corners, drift, steps, rows, 1, own)
+        self._join(*terms_of(compiled, step, 0), step.times[-1])
         self._solve(np.ones(len(rows), np.bool_))
         if self.rows["is_lost"].any():
             raise EstimationError("measurements of the resting object leave it indeterminate")
 
 
-def own_measure_pose(belief: Belief, step: Step, own: OwnMeasurements) -> bool:
+def own_measure_pose(belief: Belief, step: Step, own: OwnMeasurements, compiled: CompiledModel = PUSHING) -> bool:
     """Return True if any measurement of one's own depends on the object's pose at these beliefs."""
-    steps, rows = begun(belief, belief.pose, np.ones(len(belief)))
+    steps, rows = begun(compiled, belief, belief.pose, np.ones(len(belief)))
     steps["is_resting"] = 1.0
     steps["g"] = 0.0
-    own.given = terms_of(PUSHING, step, 0)[1]
+    own.given = terms_of(compiled, step, 0)[1]
     own.time = step.times[-1]
-    by_sensor = own.evaluated(0, steps, rows["shared"])[..., 1:][..., _MODEL.in_step[SENSOR]]
+    by_sensor = own.evaluated(0, steps, rows["shared"])[..., 1:][..., compiled.model.in_step[SENSOR]]
     return bool(by_sensor.any())

@@ -11,7 +11,7 @@ from palpate.config import NoiseSettings
 from palpate.models.pushing.contact_geometry import ContactModel
 
 _SUPPORT = np.dtype([("radius", np.float64), ("center", np.complex128), ("span", np.float64)], align=True)
-"""Friction radius c [m], nominal centre of friction [m] in the object frame, and distance between the outermost tips."""
+"""Friction radius c [m], nominal centre of friction [m] in the object frame, span of the tips [m]."""
 
 
 def settings_record(noise: NoiseSettings, model: ContactModel) -> NDArray[np.void]:

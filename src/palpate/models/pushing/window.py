@@ -1,4 +1,4 @@
-"""The window of one contact of a push: how it begins, what a step adds, and what moves the object besides the sensor."""
+"""The window of one contact of a push: how it begins, what a step adds, and what else may have moved the object."""
 
 import math
 
@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.arrays import Array
 from palpate.config import Priors
 from palpate.estimation import window
+from palpate.estimation.compiled_model import CompiledModel
 from palpate.estimation.rows import Indices
 from palpate.estimation.window import LAG
 from palpate.geometry import se2
@@ -20,8 +21,6 @@ from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.variables import TURN_OFFSET
 from palpate.types.measurements import OwnMeasurement, Turn
 
-_MODEL = PUSHING.model
-
 
 class PushingWindow(window.Window):
     """A window whose rows are beliefs about an object that is pushed or rests."""
@@ -29,7 +28,7 @@ class PushingWindow(window.Window):
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
         pose = self._steps["object"][:, -1].copy()
-        values = self.rows["shared"][:, _MODEL.contact_size :].copy()
+        values = self.rows["shared"][:, self._compiled.model.contact_size :].copy()
         return Belief(pose, values, self.rows["covariance"].copy())
 
 
@@ -46,23 +45,24 @@ class Window(PushingWindow):
         priors: Priors | None = None,
         sign: Array | None = None,
         own: OwnMeasurements | None = None,
+        compiled: CompiledModel = PUSHING,
     ) -> None:
         """Begin with the first step of a contact and B beliefs about the object.
 
         `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
-        step as `priors` says, by default not at all.
+        step as `priors` says, by default not at all. `compiled` may be an extended model of pushing.
         """
         self._model = model
-        drift = np.zeros(_MODEL.last_size)
+        variables = compiled.model
+        drift = np.zeros(variables.last_size)
         if priors is not None:
-            drift[_MODEL.last_size - _MODEL.object_size :] = object_prior(priors).change_per_step
+            drift[variables.last_size - variables.object_size :] = object_prior(priors, variables).change_per_step
         sign = np.ones(len(belief)) if sign is None else sign
-        steps, rows = begun(belief, step.sensor_pose, sign)
-        super().__init__(
-            PUSHING, settings, model.surface, model.corners, drift, steps, rows, lag, own or OwnMeasurements()
-        )
+        own = OwnMeasurements(model=variables) if own is None else own
+        steps, rows = begun(compiled, belief, step.sensor_pose, sign)
+        super().__init__(compiled, settings, model.surface, model.corners, drift, steps, rows, lag, own)
         self._has_turn = False
-        self._solve_with(step, *terms_of(PUSHING, step, 0))
+        self._solve_with(step, *terms_of(compiled, step, 0))
 
     def add(self, step: Step, spread: ArrayLike = 0.0) -> None:
         """Add the next step.
@@ -70,8 +70,8 @@ class Window(PushingWindow):
         `spread` (B,) [m] is the standard deviation of the slide over the sensor by which something else may move the
         object in this step. Raises EstimationError where no hypothesis has a solution.
         """
-        arrived, own = terms_of(PUSHING, step, self._left + self._steps.shape[1])  # may raise
-        now = np.zeros((len(self.rows), 1), PUSHING.records.step)
+        arrived, own = terms_of(self._compiled, step, self._left + self._steps.shape[1])  # may raise
+        now = np.zeros((len(self.rows), 1), self._compiled.records.step)
         now["e"] = step.sensor_pose
         now["measured"] = step.sensor_pose
         now["spread"][:, 0] = spread
@@ -96,7 +96,7 @@ class Window(PushingWindow):
                 self._has_turn = True
                 sign = self.rows["sign"] if index < step.from_touch else 1.0
                 offset = se2.wrap(self._steps["g"][:, -1, 2] - measurement.angle * sign)
-                self.rows["shared"][:, _MODEL.in_shared[TURN_OFFSET]] = offset[:, None]
+                self.rows["shared"][:, self._compiled.model.in_shared[TURN_OFFSET]] = offset[:, None]
                 return
 
     def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
@@ -123,23 +123,26 @@ class Window(PushingWindow):
         self._solve(changing)
 
 
-def begun(belief: Belief, sensor_pose: Array, sign: Array) -> tuple[NDArray[np.void], NDArray[np.void]]:
+def begun(
+    compiled: CompiledModel, belief: Belief, sensor_pose: Array, sign: Array
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
     """Return the first step (B, 1) and the rows (B,) of a window that begins with these beliefs.
 
     The sensor pose is (3,), or (B, 3).
     """
-    steps = np.zeros((len(belief), 1), PUSHING.records.step)
-    rows = np.zeros(len(belief), PUSHING.records.row)
+    model = compiled.model
+    steps = np.zeros((len(belief), 1), compiled.records.step)
+    rows = np.zeros(len(belief), compiled.records.row)
     steps["g"][:, 0] = se2.between(belief.pose, sensor_pose)
     steps["e"][:, 0] = sensor_pose
     steps["measured"][:, 0] = sensor_pose
     steps["turn_measured"] = np.exp(1j * steps["measured"][..., 2])
-    of_contact = _MODEL.of("contact")
-    rows["shared"][:, : _MODEL.contact_size] = _MODEL.prior_mean(of_contact)
-    rows["shared"][:, _MODEL.contact_size :] = belief.values
+    of_contact = model.of("contact")
+    rows["shared"][:, : model.contact_size] = model.prior_mean(of_contact)
+    rows["shared"][:, model.contact_size :] = belief.values
     rows["sign"] = sign
     past = rows["past"]
-    for k, deviation in enumerate(_MODEL.prior_deviation(of_contact), start=_MODEL.step_size):
+    for k, deviation in enumerate(model.prior_deviation(of_contact), start=model.step_size):
         past["information"][:, k, k] = deviation**-2.0
     past["g"] = steps["g"][:, 0]
     past["e"] = steps["e"][:, 0]

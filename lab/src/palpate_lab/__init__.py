@@ -1,0 +1,17 @@
+"""The laboratory: it simulates, trains and studies; nothing in the product imports from it."""
+
+import os
+from importlib import import_module
+from typing import Any
+
+from palpate.errors import SettingError
+
+
+def required(purpose: str, extras: str, *modules: str) -> Any:
+    """Return the last of some modules. Raises SettingError, which names the extras to install, if one is missing."""
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # torch's threads would wait in a loop, where cores are shared
+    try:
+        return [import_module(module) for module in modules][-1]
+    except ImportError as error:
+        missing = f"{purpose} needs {error.name}, which is not installed: pip install 'palpate-lab[{extras}]'"
+        raise SettingError(missing) from error

@@ -1,0 +1,223 @@
+"""`palpate evaluate`, `paper`, `train` and `tune`: studies of many recordings, and what is learnt from them."""
+
+import shlex
+import sys
+from collections import Counter
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import palpate
+from palpate.cli.console import Report, complain, progress_bar
+from palpate.cli.options import NOISE, Estimator, Orientation, RecordingsFolder, SensorUnit, Touch, Workers, arg
+from palpate.errors import FileError, SettingError
+from palpate.files import in_file, new_file
+from palpate.types.choices import Tactile
+from palpate_lab import required
+
+if TYPE_CHECKING:
+    from palpate_lab.tune.tuning import Tuning
+
+SHOWN = (
+    *("final_mm", "final_deg", "contact_inside_95", "final_inside_95", "silently_wrong", "nats", "ambiguous"),
+    *("knocks", "lost", "sequences"),
+)
+"""Columns of the table that is printed, by their keys in `results.json`."""
+
+
+def evaluate(
+    folder: RecordingsFolder,
+    /,
+    *,
+    out: Annotated[Path, arg("REPORT")],
+    tactile: Annotated[tuple[Tactile, ...], arg("MODE...")] = ("none", "learnt", "oracle"),
+    unit: SensorUnit = SensorUnit(),
+    orientation: Orientation = "",
+    estimator: Estimator = Estimator(),
+    work: Workers = Workers(),
+    resume: bool = False,
+) -> Report:
+    """Track many recordings by many methods; write tables and figures.
+
+    Example: palpate evaluate recordings --out report --workers 2
+
+    Args:
+        out: Folder of the report.
+        tactile: Sources of touch measurements, as in palpate track.
+        resume: Continue a study: keep the trials that exist.
+    """
+    from palpate_lab.study.figures import write_figures
+    from palpate_lab.study.recordings import find_recordings
+    from palpate_lab.study.results import ALL, results_of, write_results
+    from palpate_lab.study.study import StudySettings, run_study
+
+    ways = tuple(dict.fromkeys(tactile))
+    settings = StudySettings(ways, estimator.settings("none"), *unit.load(*ways), orientation)
+    files = find_recordings(folder, leave_out=out)
+    with progress_bar("tracking", len(files) * len(ways)) as progress:
+        study = run_study(files, out, settings, work.workers, work.dask, resume, progress)
+    for name, error in dict.fromkeys((name, error) for (name, _), error in study.failed.items()):
+        complain(f"{folder}/{name}: {error}")
+    if study.skipped and not (study.trials or study.failed):
+        (name, _), reason = next(iter(study.skipped.items()))
+        raise SettingError(f"{folder}: no recording can be tracked by these methods; the first: {name} {reason}")
+    command = shlex.join(("palpate", *sys.argv[1:]))
+    results = results_of(study, settings, folder, work.workers, command)
+    write_results(out, results, study.trials)
+    if study.trials:
+        with progress_bar("drawing figures"):
+            write_figures(out / "figures", study.trials)
+    found = {"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}}
+    counts = {key: results["study"][key] for key in ("trials", "kept", "skipped", "failed", "wall_s")}
+    reasons = Counter(each["reason"] for each in results["skipped"])
+    rows = {method: {key: row[key] for key in SHOWN} for method, row in results["table"].get(ALL, {}).items()}
+    shown = {"report": str(out), **counts, "reasons": dict(reasons), ALL: rows}
+    return Report("study", found, shown, code=3 if study.failed else 0)
+
+
+def paper(
+    *,
+    out: Annotated[Path, arg("FOLDER", "required")],
+    small: bool = False,
+    full: bool = False,
+    seed: Annotated[int, arg("N")] = 0,
+    workers: Workers = Workers(),
+) -> Report:
+    """Repeat the paper's experiments on simulated pushes: Table II, tracking by mode, figures 5 to 8 and 10 to 12.
+
+    Example: palpate paper --out paper --workers 2
+
+    Args:
+        out: Folder of the study. Finished parts in it are kept, so that an interrupted run continues.
+        small: A few short sequences, to see it all in a few minutes; its numbers say little.
+        full: As many sequences as the paper has, which takes hours.
+        seed: The same seed gives the same recordings.
+    """
+    required("palpate paper", "sim,train,paper", "gtsam", "mujoco", "torch")
+    from palpate_lab.paper.study import FULL, SMALL, PaperSettings, run
+
+    if seed < 0:
+        raise SettingError(f"seed is {seed}; allowed is 0 or more")
+    if small and full:
+        raise SettingError("palpate paper takes --small or --full, not both")
+    settings = replace(SMALL if small else FULL if full else PaperSettings(), seed=seed)
+    try:
+        results = run(out, settings, progress_bar, workers.workers, workers.dask)
+    except KeyboardInterrupt as stop:
+        raise KeyboardInterrupt("the same command goes on") from stop
+    tables = {"table2": results["table2"], "tracking": results["tracking"]}
+    return Report("experiments of the paper", tables, {"folder": str(out), **tables})
+
+
+def train(
+    source: Annotated[Path, arg("DIR|PRESSES.csv")],
+    /,
+    *,
+    out: Annotated[Path, arg("MODEL")],
+    start: Annotated[Path | None, arg("MODEL|NAME", "from nothing", name="from")] = None,
+    calibration: Annotated[Path | None, arg("UNIT.npz", "images are as they are")] = None,
+    orientation: Orientation = "",
+    test: Annotated[Path | None, arg("DIR", "a share of DIR that is left out")] = None,
+    untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none")] = (),
+    sensor: Annotated[str | None, arg("NAME", "none")] = None,
+    seed: Annotated[int, arg("N")] = 0,
+    steps: Annotated[int | None, arg("N", "8000; 300 with --from, 600 with presses")] = None,
+    workers: Annotated[int, arg("N")] = 1,
+    resume: bool = False,
+) -> Report:
+    """Train a touch model on recordings with images, contacts and ground truth, or on presses; judge it on others.
+
+    Example: palpate train recordings --out model
+
+    Args:
+        source: Folder of recordings, or a table of presses (columns file, angle_deg) for a model of directions alone.
+        out: Folder of the model.
+        start: Go on from this model, or that of a sensor such as digit, to fit it to another unit.
+        calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
+        test: Recordings to judge the model by.
+        untouched: With presses: images of the untouched gel.
+        sensor: With presses: the name of the sensor's profile.
+        seed: Of weights, batches and what is left out.
+        steps: Most steps of each descent.
+        workers: Processes that read recordings.
+        resume: Go on with a training that was cut off.
+    """
+    required("training", "train", "onnxscript", "torch")
+    from palpate.touch.press_calibration import read_presses
+    from palpate.types.images import read_image
+    from palpate_lab.study.recordings import find_recordings
+    from palpate_lab.train.train import TrainSettings, train_on_presses
+    from palpate_lab.train.train import train as train_model
+
+    settings = TrainSettings(seed=seed, steps=steps, workers=workers)
+    results: dict[str, Any]
+    if source.suffix.lower() == ".csv":
+        if not untouched or not sensor or start or calibration or orientation or test:
+            others = "--from, --calibration, --orientation, --test"
+            raise SettingError(f"train: presses (.csv) take --untouched and --sensor, not {others}")
+        still = [read_image(path) for path in untouched]
+        presses = read_presses(source)
+        with in_file(source):
+            results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
+    else:
+        if untouched or sensor:
+            raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")
+        files = list(find_recordings(source).values())
+        tested = list(find_recordings(test).values()) if test else ()
+        unit = calibration and palpate.load_calibration(calibration)
+        results = train_model(files, out, settings, progress_bar, start, tested, resume, unit, orientation)
+    left_out = results.get("recordings", {}).get("left_out", {})
+    for why in left_out.values():
+        complain(f"left out: {why}")
+    return Report("training", {"model": str(out), **results}, code=3 if left_out else 0)
+
+
+def tune(
+    folder: RecordingsFolder,
+    /,
+    *,
+    out: Annotated[Path, arg("FILE")],
+    touch: Touch = Touch(tactile="learnt"),
+    orientation: Orientation = "",
+    start: Annotated[str, arg(NOISE)] = "palpate",
+    evaluations: Annotated[int, arg("N")] = 100,
+    workers: Annotated[int, arg("N")] = 1,
+) -> Report:
+    """Learn noise settings from recordings with ground truth; a fourth of them is held out to judge the result.
+
+    Example: palpate tune recordings --out noise.json --workers 2
+
+    Args:
+        out: File of the settings (.json), for --noise of other commands.
+        touch: Measurements of touch; auto is learnt where there are images, else oracle.
+        start: Settings to start from; the file of a tuning continues it.
+        evaluations: Number of times that all recordings are tracked.
+        workers: Processes that share the work.
+    """
+    from palpate.noise_file import noise_of, write_noise
+    from palpate_lab.study.recordings import find_recordings
+    from palpate_lab.study.study import StudySettings
+    from palpate_lab.tune.tuning import tune as tune_settings
+
+    tracker = palpate.TrackerSettings(noise=noise_of(start))
+    unit = touch.load(touch.tactile)
+    settings = StudySettings((touch.tactile,), tracker, *unit, orientation)
+    if out.exists() and out != Path(start):
+        raise FileError(f"{out}: already exists; name another file, or continue it with --start {out}")
+    new_file(out, overwrite=True)
+
+    def keep(tuning: "Tuning") -> dict[str, Any]:
+        """Write the settings of a tuning, and return what is said of it."""
+        show(tuning.evaluations, f"{tuning.before.nats:.3f} -> {tuning.after.nats:.3f}")
+        about = {key: value for key, value in asdict(tuning).items() if key not in ("settings", "left_out")}
+        found = {"tactile": touch.tactile, "start": start, **about}
+        write_noise(tuning.settings.noise, out, found, overwrite=True)
+        return found
+
+    with progress_bar("tuning", evaluations) as show:
+        tuning = tune_settings(find_recordings(folder), settings, evaluations, workers, keep)
+        tuned = keep(tuning)
+    for error in tuning.left_out.values():
+        complain(f"left out: {error}")
+    left_out = tuning.left_out
+    return Report("tuning", {"out": str(out), **tuned, "left_out": left_out}, code=3 if left_out else 0)

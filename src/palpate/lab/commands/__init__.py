@@ -1,6 +1,0 @@
-"""The laboratory's commands; what they do is imported where it is done, so that `--help` stays fast."""
-
-from palpate.lab.commands.recordings import simulate, truth, truth_camera, truth_print
-from palpate.lab.commands.study import evaluate, paper, train, tune
-
-__all__ = ["evaluate", "paper", "simulate", "train", "truth", "truth_camera", "truth_print", "tune"]
