@@ -20,13 +20,13 @@ from palpate.arrays import Array, Image
 from palpate.config import LAG, NoiseSettings
 from palpate.errors import EstimationError, FileError
 from palpate.files import in_file
-from palpate.filter.hypotheses import costs_of_contact
 from palpate.geometry import se2
 from palpate.graph.belief import Belief
 from palpate.graph.contact_geometry import contact_model
 from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, OUTLINE_SCALE
 from palpate.graph.window import Window
+from palpate.hypotheses.weigher import cost_of_contact
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
 from palpate.touch.background import first_frames
@@ -206,7 +206,7 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
             else:
                 window.add(step)
         assert window is not None
-        cost += float(costs_of_contact(window.costs())[0] + window.cost_of_belief()[0])
+        cost += float(cost_of_contact(window.costs())[0] + window.cost_of_belief()[0])
         last, belief = window.belief(), window.belief().at_next_contact(priors)
     return cost, last.values[0, _COLUMNS], last.covariance[0, 3:, 3:][np.ix_(_COLUMNS, _COLUMNS)]
 
