@@ -14,8 +14,8 @@ import numpy as np
 from _common import for_each, write
 
 import palpate
-from palpate.config import ALARMS
 from palpate.estimation.innovations import JUDGED_STEPS
+from palpate.hypotheses.proposals.shove import ALARM_LIMITS
 from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
@@ -38,8 +38,8 @@ def main(undisturbed: Path, shoved: Path) -> None:
         for shove in shoves
         if contact[shove] and contact[shove : shove + SECOND].sum() >= SECOND // 2
     ]
-    judged = [NAMES.index(name) for name in ALARMS]
-    rates = {name: {"limit": limit, "per_minute": rate([NAMES.index(name)])} for name, limit in ALARMS.items()}
+    judged = [NAMES.index(name) for name in ALARM_LIMITS]
+    rates = {name: {"limit": limit, "per_minute": rate([NAMES.index(name)])} for name, limit in ALARM_LIMITS.items()}
     shoves = {"shoves": len(told), "told": sum(told)}
     write("alarms", {"minutes": round(minutes, 1), "factors": rates, "all_per_minute": rate(judged)} | shoves)
 
@@ -63,7 +63,7 @@ def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
     means = np.cumsum(np.vstack([np.zeros((JUDGED_STEPS, len(NAMES))), surprise]), axis=0)
     means = (means[JUDGED_STEPS:] - means[:-JUDGED_STEPS]) / JUDGED_STEPS
     shoves = [first for first, _ in flag_runs(recording.extra.get("knocked", np.zeros(len(found))) > 0.0)]
-    limits = np.array([ALARMS.get(name, np.inf) for name in NAMES])
+    limits = np.array([ALARM_LIMITS.get(name, np.inf) for name in NAMES])
     return contact, (means > limits) & contact[:, None], shoves
 
 

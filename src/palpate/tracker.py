@@ -16,12 +16,17 @@ from palpate.checks import SPAN, TURNS
 from palpate.compiled import is_cached
 from palpate.config import ANYWHERE_SIGMA, UNLIKELY, NoiseSettings, TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
-from palpate.filter.hypothesis_bank import HypothesisBank
-from palpate.geometry import se2
+from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Disc, Shape, check_outline
-from palpate.input_gate import InputGate, checked_frame, checked_measurements
+from palpate.hypotheses.filter import MultiHypothesisFilter
+from palpate.hypotheses.posterior import Posterior
+from palpate.input.checked_frame import CheckedFrame
+from palpate.input.frame_values import checked_measurements, with_checked_values
+from palpate.input.input_gate import InputGate
+from palpate.input.sensor_correction import SensorCorrection
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import contact_model
+from palpate.status import Evidence, decide
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration
 from palpate.touch.pipeline import Touch, TouchReader
@@ -48,6 +53,7 @@ class Tracker:
         first_pose_sigma: ArrayLike | None = None,
         set_up_sigma: ArrayLike | None = None,
         is_view_known: bool = False,
+        graph: CompiledModel = PUSHING,
     ) -> None:
         """Take the object's outline, the sensor or its name, and world_T_object (3,) [m, m, rad] at the first frame.
 
@@ -57,28 +63,30 @@ class Tracker:
         by default `noise.sensor_pose.calibration`. Without a `calibration` of this sensor unit, the first half second
         of images is taken as untouched; one by pushes corrects the sensor's poses, too, and takes the place of
         `set_up_sigma`. `touch` is an object of your own that measures in place of the touch model. Unless the
-        calibration or `is_view_known` says that images are upright, the tracker finds out if they are.
+        calibration or `is_view_known` says that images are upright, the tracker finds out if they are. `graph` are the
+        variables and factors: those of pushing, or of a model that extends it.
 
         The first tracker of a process takes half a second to load compiled code, the very first 12 s to compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
-        settings, sensor = settings or TrackerSettings(), known_sensor(sensor)
-        self._set_up = calibration.set_up if calibration else None
-        self._path: list[tuple[float, Array]] = []  # times and corrected sensor poses of the last second
-        self._moved = np.zeros(3)  # motion of the sensor since the image was taken, in the world
+        settings = settings or TrackerSettings()
+        sensor = known_sensor(sensor)
+        self._settings = settings
+        self._tips = len(sensor.tips)
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up()
-        self._sensor, self._settings = sensor, settings
+        self._correction = SensorCorrection(calibration.set_up if calibration else None)
         self._gate = InputGate(sensor, calibration)
         self._is_touch_given = touch is not None
         is_view_known |= calibration is not None and calibration.is_view_known
         pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
         noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
-        self._bank = HypothesisBank(
+        self._filter = MultiHypothesisFilter(
             contact_model(shape, sensor),
             replace(settings, noise=noise),
             *self._first,
             may_be_mirrored=not (is_view_known or self._is_touch_given),
+            compiled=graph,
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
 
@@ -91,8 +99,8 @@ class Tracker:
             self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
         self._touch.end_contact()
         self._gate.reset()
-        self._path = []
-        self._bank.begin(*self._first)
+        self._correction.reset()
+        self._filter.begin(*self._first)
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.
@@ -103,33 +111,14 @@ class Tracker:
         Raises FrameError if the frame cannot be used and is left out, and EstimationError if no estimate can be
         computed, not even by beginning anew from the last pose: the next frame then begins another contact.
         """
-        gate, bank, touch = self._gate, self._bank, self._touch
-
-        # 1. Refuse implausible input, and decide contact.
-        frame, path = self._placed(checked_frame(frame, measurements, len(self._sensor.tips)))
-        needs_clearance = gate.needs_clearance and frame.image is not None
-        clearance = bank.clearance(frame.sensor_pose) if needs_clearance else None
-        frame = gate.check(frame, clearance, touch.reads_images, touch.needs_colours)
-        if gate.last is None:
-            self._check_first_pose(frame)
-        touch.choose(frame.image, gate.background)
-
-        # 2. End a contact that is over.
-        if bank.in_contact and (gate.paused or not frame.contact):
-            bank.end_contact(gate.unobserved_push)
-            touch.end_contact()
-
-        # 3. Read touch, and correct all hypotheses.
-        if frame.contact:
-            measured = self._measure(frame)
-            bank.contact_step(frame.sensor_pose, (*measured, *frame.measurements), frame.time, len(measured))
-        else:
-            bank.rest_step(frame.sensor_pose, frame.measurements, frame.time)
-
-        # 4. Report.
-        gate.accept(frame)
-        self._path = path
-        return self._report(frame)
+        checked = self._check(frame, measurements)
+        if checked.ends_contact:
+            self._touch.end_contact()
+            self._filter.end_contact(checked.unobserved_push)
+        measured = self._measure(checked)
+        posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion)
+        self._accept(checked)
+        return self._estimate(checked, posterior)
 
     @property
     def tactile(self) -> TactileChoice:
@@ -144,7 +133,7 @@ class Tracker:
     @property
     def mirrored(self) -> bool:
         """True once touch images are taken as turned by half a turn or mirrored, as only so they fit the push."""
-        return self._bank.is_mirrored
+        return self._filter.is_mirrored
 
     @property
     def frame(self) -> Frame:
@@ -158,52 +147,47 @@ class Tracker:
         """The untouched gel as it is known now; None before the first images, and without images."""
         return self._gate.background
 
-    def _placed(self, frame: Frame) -> tuple[Frame, list[tuple[float, Array]]]:
-        """Return a frame with the sensor's true pose when its image was taken, by the calibration, and its path."""
-        if self._set_up is None:
-            return frame, []
-        now = se2.compose(frame.sensor_pose, (0.0, -self._set_up.sideways[0], 0.0))
-        recent = (one for one in self._path if frame.time - 1.0 < one[0] < frame.time)
-        path = [*recent, (frame.time, now)]
-        times, poses = map(np.array, zip(*path, strict=True))
-        then = se2.interpolated(frame.time - self._set_up.delay[0], times, poses)
-        self._moved = se2.compose(now, se2.inverse(then))
-        return replace(frame, sensor_pose=then), path
+    def _check(self, frame: Frame, measurements: Sequence[Measurement]) -> CheckedFrame:
+        """Refuse implausible input, correct the sensor's pose, and decide contact."""
+        given = with_checked_values(frame, measurements, self._tips)
+        corrected = self._correction.corrected(given)
+        needs_clearance = self._gate.needs_clearance(given)
+        clearance = self._filter.clearance(corrected.frame.sensor_pose) if needs_clearance else None
+        checked = self._gate.check(corrected, clearance, self._touch.reads_images, self._touch.needs_colours)
+        if checked.is_first:
+            self._warn_of_far_poses(checked.frame)
+        return checked
 
-    def _check_first_pose(self, frame: Frame) -> None:
+    def _measure(self, checked: CheckedFrame) -> Sequence[Measurement]:
+        """Return the measurements by touch, of a frame in contact."""
+        frame = checked.frame
+        self._touch.choose(frame.image, checked.background)
+        is_blind = checked.evidence.touches_since_start and self._touch.reads_images
+        if not frame.contact or is_blind:
+            return ()
+        measured = self._touch.read(frame, checked.background)
+        return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
+
+    def _accept(self, checked: CheckedFrame) -> None:
+        """Make a frame the last one, now that it was used."""
+        self._gate.accept(checked)
+        self._correction.accept(checked.corrected)
+
+    def _estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
+        """Return the estimate at the time of the frame, with its status and the reason for it."""
+        verdict = decide(Evidence(posterior.evidence, checked.evidence))
+        estimate = posterior.estimate(checked.frame.time, verdict)
+        return self._correction.at_frame_time(estimate, checked.corrected)
+
+    def _warn_of_far_poses(self, frame: Frame) -> None:
         """Warn of a first pose far from the sensor at the first frame, and of a sensor pose in degrees."""
         if abs(frame.sensor_pose[2]) > TURNS:
             logger.warning("sensor pose has theta %.4g rad: are these degrees?", frame.sensor_pose[2])
         pose, covariance = self._first
-        apart = float(np.hypot(*(frame.sensor_pose - pose)[:2]))
-        if apart > SPAN + UNLIKELY * float(np.sqrt(np.diagonal(covariance)[:2].max())):
-            logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", apart)
-
-    def _measure(self, frame: Frame) -> Sequence[Measurement]:
-        """Return the measurements by touch at a frame of contact."""
-        if self._gate.touches_since_start and self._touch.reads_images:
-            return ()
-        measured = self._touch.read(frame, self._gate.background)
-        return checked_measurements(frame.time, measured, len(self._sensor.tips)) if self._is_touch_given else measured
-
-    def _report(self, frame: Frame) -> Estimate:
-        """Return the estimate at the last frame."""
-        gate, bank = self._gate, self._bank
-        estimate = bank.report(frame.time, gate.hidden_motion)
-        if self._moved.any() and estimate.contact:  # the object goes with the sensor
-            answers = tuple(replace(one, pose=se2.compose(self._moved, one.pose)) for one in estimate.answers)
-            estimate = replace(estimate, pose=se2.compose(self._moved, estimate.pose), answers=answers)
-        reasons = filter(None, (estimate.reason, gate.weakness))
-        status, reason = estimate.status, gate.doubt or "; ".join(reasons)
-        if gate.hidden_motion:
-            moved = f"the sensor may have moved {1e3 * gate.hidden_motion:.0f} mm since"
-            status, reason = "faulty", f"the sensor's pose is frozen; {moved}"
-        elif gate.touches_since_start:
-            status = "uncertain"
-            reason = "in contact since before the untouched gel was known: touch cannot measure before a release"
-        if (status, reason) != (estimate.status, estimate.reason):
-            return replace(estimate, status=status, reason=reason)
-        return estimate
+        distance = float(np.hypot(*(frame.sensor_pose - pose)[:2]))
+        widest = float(np.sqrt(np.diagonal(covariance)[:2].max()))
+        if distance > SPAN + UNLIKELY * widest:
+            logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", distance)
 
 
 @cache
@@ -211,9 +195,10 @@ def warm_up() -> None:
     """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
     if not is_cached(PUSHING.improve):
         logger.warning("compiling the estimator: once for this version, some 12 s")
-    bank = HypothesisBank(contact_model(Disc(0.05), POINT), TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
+    model = contact_model(Disc(0.05), POINT)
+    push = MultiHypothesisFilter(model, TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
     for step in range(2):
-        bank.contact_step(np.array([1e-4 * step - 0.05, 0.0, 0.0]), (), step / 30.0)
+        push.step(Frame(step / 30.0, np.array([1e-4 * step - 0.05, 0.0, 0.0]), contact=True))
 
 
 def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:

@@ -7,8 +7,8 @@ import planar
 import pytest
 from push_samples import contact_directions, in_two_contacts, model_of
 
-from palpate import ContactDirection, TrackerSettings
-from palpate.filter.hypothesis_bank import HypothesisBank
+from palpate import ContactDirection, Frame, TrackerSettings
+from palpate.hypotheses.filter import MultiHypothesisFilter
 
 FIRST_SIGMA = np.array([0.02, 0.02, math.radians(10.0)])
 FELT = 0.03  # [rad]
@@ -18,13 +18,17 @@ FELT = 0.03  # [rad]
 def test_weights_decide_if_touch_images_are_mirrored(sign):
     o, e, contact = in_two_contacts("rectangle", 60)
     angles = sign * contact_directions(planar.between(o, e), model_of("rectangle"))
-    bank = HypothesisBank(model_of("rectangle"), TrackerSettings(), o[0], np.diag(FIRST_SIGMA**2), may_be_mirrored=True)
+    first_covariance = np.diag(FIRST_SIGMA**2)
+    estimator = MultiHypothesisFilter(
+        model_of("rectangle"), TrackerSettings(), o[0], first_covariance, may_be_mirrored=True
+    )
+    last = None
     for k, (pose, angle) in enumerate(zip(e, angles, strict=True)):
-        if contact[k]:
-            bank.contact_step(pose, [ContactDirection(float(angle), FELT**2)], k / 30.0, from_touch=1)
-        else:
-            bank.end_contact()
-            bank.rest_step(pose, (), k / 30.0)
-        assert not bank.is_mirrored or k > 5  # a few frames cannot tell
-    assert bank.is_mirrored == (sign < 0.0)
-    assert np.hypot(*(bank.report(9.0).pose - o[-1])[:2]) < 5e-3
+        frame = Frame(k / 30.0, pose, contact=bool(contact[k]))
+        if not contact[k]:
+            estimator.end_contact()
+        last = estimator.step(frame, [ContactDirection(float(angle), FELT**2)] if contact[k] else ())
+        assert not estimator.is_mirrored or k > 5  # a few frames cannot tell
+    assert last is not None
+    assert estimator.is_mirrored == (sign < 0.0)
+    assert np.hypot(*(last.rows.belief.pose[0] - o[-1])[:2]) < 5e-3

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections import Counter
 from functools import cache
 from typing import Any
 
@@ -26,6 +27,7 @@ from push_samples import (
 from tracker_samples import CALIBRATED, nees, poses, rotation_errors, settings, statuses, track, translation_errors
 
 from palpate import ContactDirection, Estimate, Frame, ObjectPose, Tracker
+from palpate.status import ORIGINS
 
 Array = np.ndarray
 ROUGH = (0.02, 0.02, math.radians(10.0))
@@ -68,7 +70,9 @@ def check_answers(found: list[Estimate]) -> None:
         assert (estimate.reason == "") == (estimate.status in ("tracking", "resting"))
         if estimate.status == "ambiguous":
             assert len(estimate.answers) > 1
-            assert estimate.reason.endswith("from the best fit what was measured")
+            assert "from the best fit what was measured: " in estimate.reason
+            for origin, count in Counter([answer.origin for answer in estimate.answers]).items():
+                assert f"{ORIGINS[origin]} ({count})" in estimate.reason
 
 
 @pytest.mark.parametrize("tactile", ["none", "oracle"])

@@ -21,8 +21,8 @@ from palpate.config import NoiseSettings
 from palpate.errors import EstimationError, FileError
 from palpate.estimation.window import LAG
 from palpate.files import in_file
-from palpate.filter.hypotheses import costs_of_contact
 from palpate.geometry import se2
+from palpate.hypotheses.weigher import cost_of_contact
 from palpate.io.recording import Recording
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import contact_model
@@ -210,7 +210,7 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
             else:
                 window.add(step)
         assert window is not None
-        cost += float(costs_of_contact(window.costs())[0] + window.cost_of_belief()[0])
+        cost += float(cost_of_contact(window.costs())[0] + window.cost_of_belief()[0])
         last, belief = window.belief(), window.belief().at_next_contact(object_prior(priors))
     return cost, last.values[0, _COLUMNS], last.covariance[0, 3:, 3:][np.ix_(_COLUMNS, _COLUMNS)]
 

@@ -1,24 +1,33 @@
 """Output of the tracker: the object's pose at one frame with its covariance, and its trajectory over time."""
 
 import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from palpate.arrays import Array, Flags
 
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
-"""Reliability of an estimate, which `docs/guide/status.md` describes; REASONS has each in short."""
-REASONS: dict[Status, str] = {
-    "resting": "",
-    "tracking": "",
-    "ambiguous": "several poses fit what was measured",
-    "strained": "measured poses of the object contradict the rest",
-    "uncertain": "the pose is known worse than the tolerance",
-    "displaced": "the object was moved while nothing touched it",
-    "indeterminate": "the graph had no solution and began anew",
-    "faulty": "implausible input",
-}
-"""Reason of each status, for an estimate that has no closer one."""
+"""Reliability of an estimate, which `docs/guide/status.md` describes; `palpate.status` decides it."""
+Origin = Literal["as before", "first contact", "shove", "mirrored images", "rough start"]
+"""Where a hypothesis comes from.
+
+- as before: nothing unusual has happened to the pose that was given or found before.
+- first contact: another place of the outline at which a contact may have begun.
+- shove: something else may have moved the object while it was touched.
+- mirrored images: touch images may lie the other way round than the best hypothesis takes them.
+- rough start: a place of the outline at which the first contact may have begun, as the first pose is known roughly.
+"""
+
+
+class Clearance(NamedTuple):
+    """Predicted distance of the sensor from the object."""
+
+    distance: float
+    """[m], negative inside the outline."""
+    deviation: float
+    """Its standard deviation [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +40,24 @@ class Answer:
     """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
     weight: float
     """Probability among all answers, from 0 to 1."""
+    origin: Origin = "as before"
+    """Where it comes from, if there are several answers."""
 
 
 Answers = tuple[tuple[Answer, ...], ...]
 """All answers at each of N frames, the estimate first; none at frames with one, which is the estimate."""
+
+
+def count_origins(answers: Iterable[Answer]) -> dict[Origin, int]:
+    """Return the number of answers of each origin, in the order of the answers."""
+    return dict(Counter(answer.origin for answer in answers))
+
+
+def origins_text(answers: Sequence[Answer]) -> str:
+    """Return where several answers come from, as "as before 1; shove 4"; empty for a single one."""
+    if len(answers) < 2:
+        return ""
+    return "; ".join(f"{origin} {count}" for origin, count in count_origins(answers).items())
 
 
 @dataclass(frozen=True, eq=False)

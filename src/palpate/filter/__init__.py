@@ -1,1 +1,0 @@
-"""Several hypotheses of where the object is, what measurements say for each, and whether they are consistent."""

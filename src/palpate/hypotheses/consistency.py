@@ -1,0 +1,126 @@
+"""Consistency tests: compare what was predicted with what is measured, in each hypothesis.
+
+- Contradiction: measured poses of the object are far from its estimate, or put its outline far from the contact.
+- Displacement: the sensor is inside the untouched object's outline, or touches the object far from its outline.
+
+Disturbances are tested in `proposals/shove.py`, ambiguity and uncertainty in `posterior.py`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.arrays import Array
+from palpate.config import UNLIKELY, NoiseSettings
+from palpate.geometry import se2
+from palpate.hypotheses.proposals.shove import SHOVE_SIGMA
+from palpate.hypotheses.rows import Hypotheses
+from palpate.models.pushing.belief import Belief, clearances
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.types.measurements import ObjectPose
+
+_POSES = 0
+"""Contradictions by measured poses, in `Hypotheses.contradictions`."""
+_OUTLINE = 1
+"""Contradictions by the outline, where measured poses put it."""
+_FRAMES_TO_CONTRADICT = 3
+"""Frames that must contradict, among those remembered, before it counts."""
+
+
+class ConsistencyMonitor:
+    """The tests, for one object and sensor. Those named `test_...` return the hypotheses with their results."""
+
+    def __init__(self, model: ContactModel, settings: NoiseSettings) -> None:
+        self._model = model
+        self._contact_deviation = settings.contact.deviation
+        self._sensor_deviation = max(settings.sensor_pose.deviation[:2])  # [m]
+        self.set_up_covariance: Array = np.diag(np.square(settings.sensor_pose.calibration))
+        """Covariance of the constant offset between sensor, world and outline, (3, 3)."""
+
+    def clearance(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
+        """Return the estimated distance of a sensor pose (3,) from the object and its deviation, (B,) each [m]."""
+        gap, by_belief = clearances(belief, self._model, sensor_pose[None])
+        variance = belief.variances(by_belief)[:, 0] + self._contact_deviation**2
+        return gap[:, 0], np.sqrt(variance)
+
+    def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: Array) -> Hypotheses:
+        """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
+
+        `touched` is its last pose in contact (3,).
+        """
+        gaps, by_belief = clearances(rows.belief, self._model, np.stack([sensor_pose, touched]))
+        now = gaps[:, 0]
+        before = gaps[:, 1]
+        if (now >= np.maximum(before, 0.0)).all():
+            return rows
+        by_belief[:, 1] -= by_belief[:, 0]
+        variance = rows.belief.variances(by_belief)
+        deviation = np.sqrt(variance[:, 0] + self._contact_deviation**2)
+        inside = np.where(now < -UNLIKELY * deviation, -now, 0.0)
+        deviation_of_motion = np.sqrt(variance[:, 1] + 2.0 * self._sensor_deviation**2)
+        followed = np.where(now < before - UNLIKELY * deviation_of_motion, SHOVE_SIGMA, 0.0)
+        return rows.displaced(np.maximum(inside, followed))
+
+    def test_first_contact(self, rows: Hypotheses, sensor_pose: Array) -> Hypotheses:
+        """Test that a contact begins where the object's outline is."""
+        gap, deviation = self.clearance(rows.belief, sensor_pose)
+        distance = np.abs(gap)
+        return rows.displaced(np.where(distance > UNLIKELY * deviation, distance, 0.0))
+
+    def test_object_poses(
+        self, rows: Hypotheses, expected: Sequence[Array], measured: Sequence[ObjectPose], moved: float = 0.0
+    ) -> Hypotheses:
+        """Test measured poses of the object, which moved by up to `moved` [m], against the estimates (B, 3)."""
+        if not measured:
+            return rows
+        known = rows.belief.pose_covariance + self.set_up_covariance + self.covariance_of_motion(moved)
+        most_deviations = np.zeros(len(rows))
+        distance = np.zeros(len(rows))  # of the pose with the most deviations
+        for pose, one in zip(expected, measured, strict=True):
+            off = se2.log(se2.between(pose, one.pose))
+            information = np.linalg.pinv(known + one.covariance, hermitian=True)  # a solution may have diverged
+            squares = np.einsum("bi,bij,bj->b", off, information, off)
+            deviations = np.sqrt(np.maximum(squares, 0.0))
+            turned_by = self._model.friction_radius * np.abs(off[:, 2])
+            apart = np.maximum(np.hypot(off[:, 0], off[:, 1]), turned_by)
+            distance = np.where(deviations > most_deviations, apart, distance)
+            most_deviations = np.maximum(deviations, most_deviations)
+        return replace(rows, contradictions=_with_frame(rows.contradictions, _POSES, distance, most_deviations))
+
+    def test_outline(self, rows: Hypotheses, sensor_pose: Array, is_measured: bool) -> Hypotheses:
+        """Test that the outline is at the contact if the object's pose is measured, or where it was not until now."""
+        is_tested = np.asarray(is_measured | (rows.contradictions[:, _OUTLINE] > 0.0).any(axis=1))
+        gap, deviation = self.clearance(rows.belief.inflated(self.set_up_covariance), sensor_pose)
+        distance = np.abs(gap)
+        tested = _with_frame(rows.contradictions, _OUTLINE, distance, distance / deviation)
+        return replace(rows, contradictions=np.where(is_tested[:, None, None], tested, rows.contradictions))
+
+    def displacement_covariance(self, rows: Hypotheses) -> Array:
+        """Return the covariance (B, 3, 3) of a displacement: twice its size, since a gap shows one direction of it."""
+        return self.covariance_of_motion(2.0 * rows.displacement)
+
+    def contradiction_covariance(self, rows: Hypotheses) -> Array:
+        """Return the covariance (B, 3, 3) of a pose that contradicts measured ones."""
+        return self.covariance_of_motion(contradicting_distances(rows).max(axis=1))
+
+    def covariance_of_motion(self, length: ArrayLike) -> Array:
+        """Return the covariance (..., 3, 3) of an unknown motion of this size (...) [m]."""
+        length = np.asarray(length, np.float64)
+        sizes = np.stack([length, length, length / self._model.friction_radius], axis=-1)
+        return np.square(sizes)[..., None] * np.eye(3)
+
+
+def contradicting_distances(rows: Hypotheses) -> Array:
+    """Return the possible error (B, 2) [m] of the pose, by measured poses that contradict it and by their outline."""
+    count = (rows.contradictions > 0.0).sum(axis=2)
+    return np.where(count >= _FRAMES_TO_CONTRADICT, rows.contradictions.max(axis=2), 0.0)
+
+
+def _with_frame(contradictions: Array, kind: int, distance: Array, deviations: Array) -> Array:
+    """Return `Hypotheses.contradictions` with the distances (B,) [m] of another frame, unless they are likely."""
+    longer = contradictions.copy()
+    longer[:, kind, :-1] = contradictions[:, kind, 1:]
+    longer[:, kind, -1] = np.where(deviations > UNLIKELY, distance, 0.0)
+    return longer

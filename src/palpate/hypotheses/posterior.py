@@ -1,0 +1,180 @@
+"""Posterior: everything that is known of the object after a frame, with the evidence for its status."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.arrays import Array
+from palpate.geometry import se2
+from palpate.hypotheses.consistency import ConsistencyMonitor, contradicting_distances
+from palpate.hypotheses.proposals.shove import LIKELY_WEIGHT
+from palpate.hypotheses.rows import Hypotheses
+from palpate.models.pushing.layout import IN_OBJECT
+from palpate.models.pushing.variables import GRIP
+from palpate.status import Ambiguity, PoseEvidence, Verdict
+from palpate.types.estimate import Answer, Estimate, Origin
+
+_FOUND_SIGMA = np.array((0.005, 0.005, 0.1))
+"""[m, m, rad] standard deviations below which a displaced object is found again."""
+_GRIP = IN_OBJECT[GRIP].start
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """The contact of the best hypothesis at the last step, in the object frame."""
+
+    point: complex
+    """Contact point on the outline [m]."""
+    normal: complex
+    """Outward normal of the outline there."""
+    innovations: Array
+    """Innovations of the factors; see `Estimate.innovations`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """All hypotheses after a frame, the best first."""
+
+    rows: Hypotheses
+    """State of each of B hypotheses."""
+    covariances: Array
+    """Covariance of each pose, (B, 3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
+    covariance: Array
+    """Covariance of all of them about the best, (3, 3)."""
+    evidence: PoseEvidence
+    """Signs of how well the pose is known, for the status."""
+    touching: Touching | None
+    """The contact; None between contacts."""
+
+    def estimate(self, time: float, verdict: Verdict) -> Estimate:
+        """Return the estimate at a time [s]."""
+        belief = self.rows.belief
+        friction = math.exp(belief.values[0, _GRIP])
+        log_friction_deviation = math.sqrt(belief.covariance[0, 3 + _GRIP, 3 + _GRIP])
+        touching = self.touching
+        point = None
+        normal = None
+        if touching is not None:
+            x, y, theta = belief.pose[0].tolist()
+            turn = complex(math.cos(theta), math.sin(theta))
+            point = _as_vector(complex(x, y) + turn * touching.point)
+            normal = _as_vector(turn * touching.normal / abs(touching.normal))
+        return Estimate(
+            time=time,
+            pose=belief.pose[0].copy(),
+            covariance=self.covariance,
+            contact=touching is not None,
+            status=verdict.status,
+            reason=verdict.reason,
+            answers=self._answers(),
+            friction=(friction, friction * log_friction_deviation),
+            contact_point=point,
+            contact_normal=normal,
+            innovations=None if touching is None else touching.innovations,
+        )
+
+    def _answers(self) -> tuple[Answer, ...]:
+        """Return the hypotheses that have any weight."""
+        rows = self.rows
+        poses = rows.belief.pose.copy()
+        covariances = self.covariances.copy()
+        every = zip(poses, covariances, rows.weight.tolist(), rows.origins, strict=True)
+        return tuple(Answer(*answer) for answer in every if answer[2])
+
+
+class Tolerance(NamedTuple):
+    """Largest error of a pose that is good enough, at two standard deviations."""
+
+    length: float
+    """[m]"""
+    angle: float
+    """[rad]; infinite for a round object, which looks alike at every yaw."""
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """Circumstances of a frame that the hypotheses do not show."""
+
+    hidden_motion: float = 0.0
+    """Distance that the sensor may have moved since the last frame while its pose was frozen [m]."""
+    has_begun_anew: bool = False
+    """True if the estimator had no solution at this frame and began anew from the last pose."""
+    takes_images_as_mirrored: bool = False
+    """True if it was decided that touch images are mirrored or turned by half a turn."""
+
+
+def posterior_of(
+    rows: Hypotheses,
+    touching: Touching | None,
+    monitor: ConsistencyMonitor,
+    tolerance: Tolerance,
+    circumstances: Circumstances,
+) -> Posterior:
+    """Return the posterior of hypotheses after a frame; `touching` is None between contacts."""
+    in_contact = touching is not None
+    known = rows.whole_belief.pose_covariance
+    covariances = known + monitor.set_up_covariance
+    by_poses = 0.0
+    by_outline = 0.0
+    if rows.contradictions.any():
+        covariances = covariances + monitor.contradiction_covariance(rows)
+        by_poses, by_outline = contradicting_distances(rows)[0].tolist()
+    if not in_contact:
+        covariances = covariances + monitor.displacement_covariance(rows)
+    covariance = covariances[0]
+    ambiguity = None
+    if len(rows) > 1:
+        from_best = se2.log(se2.between(rows.belief.pose[0], rows.belief.pose))
+        covariance = _spanning(from_best, covariances, rows.weight)
+        ambiguity = _ambiguity(from_best, rows, tolerance)
+    x, y, yaw = np.sqrt(covariance.diagonal()).tolist()
+    position = max(x, y)
+    is_moved = bool(rows.displacement[0] > 0.0)
+    is_lost = not in_contact or bool((known[0].diagonal() > np.square(_FOUND_SIGMA)).any())
+    evidence = PoseEvidence(
+        in_contact=in_contact,
+        position_deviation=position,
+        yaw_deviation=yaw,
+        is_beyond_tolerance=2.0 * position > tolerance.length or 2.0 * yaw > tolerance.angle,
+        ambiguity=ambiguity,
+        has_begun_anew=circumstances.has_begun_anew,
+        contradicting_poses=by_poses,
+        contradicting_outline=by_outline,
+        is_displaced=is_moved and is_lost,
+        takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
+        may_images_be_mirrored=len(rows) > 1 and bool(rows.is_mirror_of_best.any()),
+    )
+    if circumstances.hidden_motion > 0.0:
+        covariance = covariance + monitor.covariance_of_motion(circumstances.hidden_motion)
+    return Posterior(rows, covariances, covariance, evidence, touching)
+
+
+def _spanning(from_best: Array, covariances: Array, weights: Array) -> Array:
+    """Return the covariance (3, 3) of all hypotheses about the best, in its body frame.
+
+    `from_best` (B, 3) are their poses in the tangent space at the best.
+    """
+    about_best = covariances + from_best[:, :, None] * from_best[:, None, :]
+    return np.sum(weights[:, None, None] * about_best, axis=0)
+
+
+def _ambiguity(from_best: Array, rows: Hypotheses, tolerance: Tolerance) -> Ambiguity | None:
+    """Return the ambiguity if another hypothesis is likely and farther from the best than the tolerance."""
+    distance = np.hypot(from_best[:, 0], from_best[:, 1])
+    angle = np.abs(from_best[:, 2])
+    is_far = (distance > tolerance.length) | (angle > tolerance.angle)
+    if not ((rows.weight > LIKELY_WEIGHT) & is_far).any():
+        return None
+    has_weight = rows.weight > 0.0
+    origins: Counter[Origin] = Counter(
+        origin for origin, counts in zip(rows.origins, has_weight.tolist(), strict=True) if counts
+    )
+    return Ambiguity(float(distance[has_weight].max()), float(angle[has_weight].max()), dict(origins))
+
+
+def _as_vector(number: complex) -> Array:
+    """Return a complex number as a vector (2,)."""
+    return np.array((number.real, number.imag))

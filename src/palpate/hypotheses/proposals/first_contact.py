@@ -1,0 +1,63 @@
+"""Proposal at a first contact: other places of the outline at which the sensor may have met a known object.
+
+They are considered if a belief is rough, or contradicts the direction of the contact as it does on the wrong side of a
+corner. If something moved the object, its belief is a guess of how far and only says which places are likely.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.hypotheses.proposals.contact_places import (
+    LOG_ODDS_OF_STAYING,
+    MOST_PLACES,
+    BeliefsAtPlaces,
+    beliefs_at_places,
+    choose_beliefs,
+    leaves_several_places,
+)
+from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
+from palpate.hypotheses.rows import Hypotheses, origins
+from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.measurements import Step
+
+
+def propose_first_contact(
+    rows: Hypotheses, rest: Belief, displaced: Belief, model: ContactModel, step: Step
+) -> Hypotheses:
+    """Return the hypotheses with which a contact begins, likeliest first.
+
+    Those that take images the other way than the best come last. The beliefs `rest` (B,) hold if nothing moved the
+    object since it was touched last, `displaced` (B,) include the covariance of its displacement.
+    """
+    is_displaced = rows.displacement > 0.0
+    is_open = leaves_several_places(displaced, rows.touch_sign, model, step)
+    places = beliefs_at_places(displaced, np.flatnonzero(is_open), rows.touch_sign, model, step, is_guess=is_displaced)
+    has_places = np.bincount(places.parent, minlength=len(rows)) > 0
+    # Where there are other places, the hypothesis that is kept says that nothing has moved the object.
+    kept = replace(
+        rows,
+        belief=choose_beliefs(has_places, rest, displaced),
+        weight=np.where(has_places, 1.0, rows.weight),
+    )
+    added = _at_places(rows, places)
+    is_mirror = np.concatenate([rows.is_mirror_of_best, rows.is_mirror_of_best[places.parent]])
+    proposed = kept.joined(added)
+    likeliest = np.argsort(-proposed.log_prior, kind="stable")
+    best = likeliest[~is_mirror[likeliest]][:MOST_PLACES]
+    mirrors = likeliest[is_mirror[likeliest]][:MOST_PLACES]
+    return proposed.take(np.concatenate([best, mirrors]))
+
+
+def _at_places(rows: Hypotheses, places: BeliefsAtPlaces) -> Hypotheses:
+    """Return the hypotheses at places; something else may still move an object that was displaced."""
+    parents = rows.take(places.parent)
+    return replace(
+        parents,
+        belief=places.belief,
+        log_prior=parents.log_prior + places.log_likelihood - LOG_ODDS_OF_STAYING,
+        weight=np.ones(len(parents)),
+        disturbed_steps_left=np.where(parents.displacement > 0.0, STEPS_AFTER_ALARM + 1, 0),
+        origin=origins(len(parents), "first contact"),
+    )

@@ -1,0 +1,42 @@
+"""Weigher: the probability of each hypothesis, by the costs of its steps and how usual its object is.
+
+Errors of neighbouring steps are much the same, so that only a share of the costs counts.
+"""
+
+import numpy as np
+
+from palpate.arrays import Array
+from palpate.hypotheses.rows import Hypotheses
+from palpate.models.pushing.priors import ObjectPrior
+
+_COUNTED_SHARE = 0.3
+"""Share of the costs that counts: weights are then right as often as they say."""
+
+
+class Weigher:
+    """Weighs hypotheses against each other."""
+
+    def __init__(self, prior: ObjectPrior) -> None:
+        self._prior = prior
+
+    def log_weights(self, rows: Hypotheses, step_costs: Array) -> Array:
+        """Return the log probability of each hypothesis (B,), up to a constant.
+
+        It is that before the contact, less the cost of the contact's steps (B, N, 3), see `Window.costs`, and half the
+        squared distance of the object's variables from their priors [variances].
+        """
+        off = (rows.belief.values - self._prior.mean) / self._prior.deviation
+        unusual = np.sum(np.square(off), axis=1)
+        return rows.log_prior - cost_of_contact(step_costs) - 0.5 * unusual
+
+
+def cost_of_contact(step_costs: Array) -> Array:
+    """Return the share that counts of a contact's costs (B,), from those of its steps (B, N, 3); see `Window.costs`.
+
+    Where one hypothesis ignores pushing in a step, the cost of pushing in it counts for none.
+    """
+    measured = step_costs[..., 0]
+    pushed = step_costs[..., 1]
+    is_ignored = step_costs[..., 2].any(axis=0)
+    counted = measured + np.where(is_ignored, 0.0, pushed)
+    return _COUNTED_SHARE * counted.sum(axis=1)

@@ -1,0 +1,154 @@
+"""Input gate: refuses implausible frames and decides contact, before the estimator sees a frame."""
+
+import logging
+from dataclasses import replace
+
+from palpate.arrays import Image
+from palpate.config import LARGEST_ERROR, UNLIKELY
+from palpate.errors import FrameError, SettingError
+from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
+from palpate.input.pose_monitor import PoseMonitor
+from palpate.status import InputEvidence
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration
+from palpate.touch.cells import is_dark, is_grey
+from palpate.touch.contact_detector import ContactDetector
+from palpate.touch.pipeline import GREY
+from palpate.types.estimate import Clearance
+from palpate.types.measurements import Frame
+from palpate.types.sensor import SensorProfile
+
+logger = logging.getLogger(__name__)
+
+_NOTICEABLE = LARGEST_ERROR[0]  # [m] of motion that is more than errors of mounting and outline
+
+
+class InputGate:
+    """Checks the frames of one sensor: `check` returns one as it can be used, `accept` makes it the last one."""
+
+    def __init__(self, sensor: SensorProfile, calibration: Calibration | None) -> None:
+        self._rate = sensor.rate
+        self._detector = ContactDetector(sensor, calibration)
+        self._begin()
+
+    @property
+    def background(self) -> Background | None:
+        """The untouched gel as known now; None before the first images, and without images."""
+        return self._detector.background
+
+    def needs_clearance(self, frame: Frame) -> bool:
+        """Return True if `check` needs the clearance: the image may show a touch and is to be taken as untouched."""
+        is_open = self._may_show_touch or self.background is None or self._detector.new_view is not None
+        return is_open and frame.image is not None
+
+    def reset(self) -> None:
+        """Start again at any time; the untouched gel stays known unless its images may show a touch."""
+        if self._may_show_touch:
+            self._detector.forget()
+        self._begin()
+
+    def _begin(self) -> None:
+        self._poses = PoseMonitor(self._rate)
+        # The first images, taken as untouched, may show a touch.
+        self._may_show_touch = self._detector.background is None
+        self._has_touched = False
+        self._touches_since_start = False
+        self._hidden_motion = 0.0
+        self.last: Frame | None = None
+        """The last accepted frame."""
+
+    def check(
+        self,
+        corrected: CorrectedFrame,
+        clearance: Clearance | None = None,
+        reads_images: bool = False,
+        needs_colours: bool = False,
+    ) -> CheckedFrame:
+        """Return a frame with its image in the profile's view, contact as the image shows it, and what was found.
+
+        `clearance` is the predicted distance between sensor and object. `reads_images` says that touch is measured in
+        images, and `needs_colours` that grey ones will not do. Raises FrameError if the frame cannot be used.
+        """
+        frame = corrected.frame
+        last = self.last
+        self._check_time(frame, last)
+        if frame.image is None and reads_images and frame.contact:
+            raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
+        touches_since_start = False
+        contact = bool(frame.contact)
+        if frame.image is not None:
+            image = self._detector.read(frame.image)
+            refuses_grey = reads_images and needs_colours and last is None
+            contact = self._shows_touch(frame.time, image, clearance, refuses_grey)
+            touches_since_start = self._touches_before_gel_is_known(clearance, contact)
+            contact = contact or touches_since_start
+            frame = replace(frame, image=image)
+
+        motion = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
+        has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
+        unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
+        if frame.image is not None and has_drawn_back:
+            self._detector.forget()  # the gel or the light has changed
+            self._may_show_touch = False
+            touches_since_start = False
+            contact = False
+        self._touches_since_start = touches_since_start
+        self._hidden_motion = motion.hidden
+        sees_touch = contact and frame.image is not None and not motion.was_unobserved
+        weakness = self._poses.weakness(sees_touch)
+        was_in_contact = last is not None and bool(last.contact)
+        return CheckedFrame(
+            corrected=corrected,
+            frame=frame if frame.image is None else replace(frame, contact=contact),
+            is_first=last is None,
+            ends_contact=was_in_contact and (motion.was_unobserved or not contact),
+            unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,
+            background=self.background,
+            evidence=InputEvidence(motion.hidden, touches_since_start, self._detector.doubt, weakness),
+        )
+
+    def accept(self, checked: CheckedFrame) -> None:
+        """Make a checked frame the last one."""
+        self.last = checked.frame
+        self._has_touched = self._has_touched or bool(checked.frame.contact)
+
+    def _check_time(self, frame: Frame, last: Frame | None) -> None:
+        """Raise FrameError on a time that does not follow the last one, or is far ahead."""
+        if last is not None and frame.time <= last.time:
+            raise FrameError(f"frame at {frame.time:.3f} s follows one at {last.time:.3f} s; times must increase")
+        self._poses.check_time(frame.time)
+
+    def _shows_touch(self, time: float, image: Image, clearance: Clearance | None, refuses_grey: bool) -> bool:
+        """Return True if an image shows a touch; raises FrameError if it cannot be used."""
+        try:
+            if refuses_grey and is_grey(image) and not is_dark(image):
+                raise SettingError(GREY)
+            return self._detector.update(image)
+        except SettingError as error:
+            if self._learns_anew(clearance):
+                return False
+            raise FrameError(f"frame at {time:.3f} s: {error}") from error
+
+    def _touches_before_gel_is_known(self, clearance: Clearance | None, shows_touch: bool) -> bool:
+        """Return True in a contact since before the untouched gel was known, in which touch cannot measure."""
+        if clearance is None or not (self._may_show_touch or self.background is None):
+            return False
+        if self._touches_since_start:
+            return True
+        is_clear = clearance.distance >= UNLIKELY * clearance.deviation
+        touch_came_later = shows_touch if self.background is not None else is_clear
+        self._may_show_touch = not touch_came_later
+        # Mounting and outline may be wrong by some millimetres.
+        return self._may_show_touch and clearance.distance < -max(clearance.deviation, LARGEST_ERROR[0])
+
+    def _learns_anew(self, clearance: Clearance | None) -> bool:
+        """Take a new steady view as the untouched gel, unless something may touch; return True if it was taken."""
+        if clearance is None or self._detector.new_view is None:
+            return False
+        may_reach = UNLIKELY * clearance.deviation
+        if self._has_touched and clearance.distance < may_reach + LARGEST_ERROR[0]:
+            return False
+        logger.warning("the untouched gel is learnt anew, from images that are steady and unlike it")
+        self._detector.take(self._detector.new_view)
+        self._may_show_touch = clearance.distance < may_reach
+        return True

@@ -1,0 +1,202 @@
+"""Status and reason of an estimate: one table, read from top to bottom; the first row that applies decides.
+
+To add a status, add a row here, its name to `palpate.types.estimate.Status`, and its colour to `pipeline/figures.py`.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from palpate.types.estimate import Origin, Status
+
+ORIGINS: Mapping[Origin, str] = {
+    "as before": "the pose as before",
+    "first contact": "another place of contact",
+    "shove": "a shove",
+    "mirrored images": "images that lie the other way",
+    "rough start": "a first pose that is known roughly",
+}
+"""Each origin of a hypothesis in words."""
+
+MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
+"""Sentence once touch images are taken as mirrored."""
+
+
+@dataclass(frozen=True)
+class InputEvidence:
+    """Signs that the stream of frames is faulty or weak."""
+
+    hidden_motion: float = 0.0
+    """Distance that the sensor may have moved in a contact while its pose was frozen [m]."""
+    touches_since_start: bool = False
+    """True in a contact since before the untouched gel was known, so that touch cannot measure."""
+    doubt: str = ""
+    """Reason to doubt the calibration's untouched gel; empty if there is none."""
+    weakness: str = ""
+    """Weakness of the stream; empty if there is none."""
+
+
+@dataclass(frozen=True)
+class Ambiguity:
+    """Hypotheses that fit what was measured, one of which is likely and beyond the tolerance from the best."""
+
+    distance: float
+    """Distance of the farthest from the best [m]."""
+    angle: float
+    """Largest angle from the best [rad]."""
+    origins: Mapping[Origin, int]
+    """Number of hypotheses of each origin, the best among them."""
+
+
+@dataclass(frozen=True)
+class PoseEvidence:
+    """Signs of how well the pose is known, and of what contradicts it."""
+
+    in_contact: bool
+    """True while the sensor touches the object."""
+    position_deviation: float
+    """Standard deviation of the position along its least known axis [m]."""
+    yaw_deviation: float
+    """Standard deviation of the yaw [rad]."""
+    is_beyond_tolerance: bool
+    """True if two of these are more than the tolerance."""
+    ambiguity: Ambiguity | None = None
+    """The ambiguity, if there is one."""
+    has_begun_anew: bool = False
+    """True if the estimator had no solution at this frame and began anew from the last pose."""
+    contradicting_poses: float = 0.0
+    """Largest distance of measured poses of the object from the estimate [m], if they contradict it."""
+    contradicting_outline: float = 0.0
+    """Largest distance of the outline, as measured poses put it, from the contact [m], if they contradict it."""
+    is_displaced: bool = False
+    """True if the object was moved while nothing touched it, and is not found again."""
+    takes_images_as_mirrored: bool = False
+    """True if touch fits the push only with images that are upside down or mirrored."""
+    may_images_be_mirrored: bool = False
+    """True if it is not yet known how images lie."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that decides status and reason of one estimate."""
+
+    pose: PoseEvidence
+    input: InputEvidence = InputEvidence()
+
+
+class StatusRow(NamedTuple):
+    """One row of the table."""
+
+    status: Status
+    applies: Callable[[Evidence], bool]
+    reason: Callable[[Evidence], str]
+    """The reason in one sentence; empty if all is well."""
+    is_whole_reason: bool = False
+    """True if nothing is added on the stream."""
+
+
+def _contradiction(on: Evidence) -> str:
+    if on.pose.contradicting_poses > 0.0:
+        return f"measured object poses are up to {1e3 * on.pose.contradicting_poses:.0f} mm from the estimate"
+    if on.pose.contradicting_outline > 0.0:
+        distance = f"{1e3 * on.pose.contradicting_outline:.0f} mm"
+        return f"measured object poses put the outline up to {distance} from where the sensor touches it"
+    return ""
+
+
+def _ambiguity(on: Evidence) -> str:
+    ambiguity = on.pose.ambiguity
+    assert ambiguity is not None
+    count = sum(ambiguity.origins.values())
+    farthest = f"{1e3 * ambiguity.distance:.0f} mm and {math.degrees(ambiguity.angle):.0f} degrees"
+    causes = ", ".join(f"{ORIGINS[origin]} ({number})" for origin, number in ambiguity.origins.items())
+    return f"{count} poses up to {farthest} from the best fit what was measured: {causes}"
+
+
+def _uncertainty(on: Evidence) -> str:
+    position = f"{2e3 * on.pose.position_deviation:.0f} mm"
+    yaw = f"{math.degrees(2.0 * on.pose.yaw_deviation):.0f} degrees"
+    return f"the pose is known to {position} and {yaw} at 95 %"
+
+
+def _orientation_of_images(on: Evidence) -> str:
+    if on.pose.takes_images_as_mirrored:
+        return MIRRORED
+    if on.pose.may_images_be_mirrored:
+        return "not yet known if touch images are upside down or mirrored; --orientation upright says that they are not"
+    return ""
+
+
+TABLE = (
+    StatusRow(
+        status="faulty",
+        applies=lambda on: on.input.hidden_motion > 0.0,
+        reason=lambda on: (
+            f"the sensor's pose is frozen; the sensor may have moved {1e3 * on.input.hidden_motion:.0f} mm since"
+        ),
+        is_whole_reason=True,
+    ),
+    StatusRow(
+        status="uncertain",
+        applies=lambda on: on.input.touches_since_start,
+        reason=lambda on: "in contact since before the untouched gel was known: touch cannot measure before a release",
+        is_whole_reason=True,
+    ),
+    StatusRow(
+        status="ambiguous",
+        applies=lambda on: on.pose.ambiguity is not None,
+        reason=lambda on: _joined(_contradiction(on), _ambiguity(on)),
+    ),
+    StatusRow(
+        status="indeterminate",
+        applies=lambda on: on.pose.has_begun_anew,
+        reason=lambda on: "the graph had no solution and began anew",
+    ),
+    StatusRow(
+        status="strained",
+        applies=lambda on: on.pose.contradicting_poses > 0.0 or on.pose.contradicting_outline > 0.0,
+        reason=_contradiction,
+    ),
+    StatusRow(
+        status="displaced",
+        applies=lambda on: on.pose.is_displaced,
+        reason=lambda on: "the object was moved while nothing touched it",
+    ),
+    StatusRow(
+        status="uncertain",
+        applies=lambda on: on.pose.is_beyond_tolerance,
+        reason=_uncertainty,
+    ),
+    StatusRow(
+        status="tracking",
+        applies=lambda on: on.pose.in_contact,
+        reason=_orientation_of_images,
+    ),
+    StatusRow(
+        status="resting",
+        applies=lambda on: True,
+        reason=_orientation_of_images,
+    ),
+)
+
+
+class Verdict(NamedTuple):
+    """Status of an estimate, and the reason for it."""
+
+    status: Status
+    reason: str
+
+
+def decide(evidence: Evidence) -> Verdict:
+    """Return status and reason by the first row of the table that applies, with what is known of the stream."""
+    row = next(row for row in TABLE if row.applies(evidence))
+    reason = row.reason(evidence)
+    if not row.is_whole_reason:
+        reason = _joined(evidence.input.doubt, reason, evidence.input.weakness)
+    return Verdict(row.status, reason)
+
+
+def _joined(*sentences: str) -> str:
+    """Return sentences as one, without empty ones."""
+    return "; ".join(sentence for sentence in sentences if sentence)
