@@ -14,8 +14,9 @@ import numpy as np
 from _common import for_each, write
 
 import palpate
-from palpate.config import ALARMS, SHORT
+from palpate.config import SHORT
 from palpate.graph.factors import DIRECTION, NAMES, PLACE, TURN
+from palpate.hypotheses.proposals.shove import ALARM_LIMITS
 from palpate.lab.study.recordings import find_recordings
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of
@@ -37,8 +38,8 @@ def main(undisturbed: Path, shoved: Path) -> None:
         for shove in shoves
         if contact[shove] and contact[shove : shove + SECOND].sum() >= SECOND // 2
     ]
-    judged = [NAMES.index(name) for name in ALARMS]
-    rates = {name: {"limit": limit, "per_minute": rate([NAMES.index(name)])} for name, limit in ALARMS.items()}
+    judged = [NAMES.index(name) for name in ALARM_LIMITS]
+    rates = {name: {"limit": limit, "per_minute": rate([NAMES.index(name)])} for name, limit in ALARM_LIMITS.items()}
     shoves = {"shoves": len(told), "told": sum(told)}
     write("alarms", {"minutes": round(minutes, 1), "factors": rates, "all_per_minute": rate(judged)} | shoves)
 
@@ -60,7 +61,7 @@ def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
     means = np.cumsum(np.vstack([np.zeros((SHORT, len(NAMES))), surprise]), axis=0)
     means = (means[SHORT:] - means[:-SHORT]) / SHORT
     shoves = [first for first, _ in flag_runs(recording.extra.get("knocked", np.zeros(len(found))) > 0.0)]
-    limits = np.array([ALARMS.get(name, np.inf) for name in NAMES])
+    limits = np.array([ALARM_LIMITS.get(name, np.inf) for name in NAMES])
     return contact, (means > limits) & contact[:, None], shoves
 
 

@@ -282,7 +282,7 @@ def _known(name: str, given: Any, settings: Any) -> dict[str, Any]:
     return given
 
 
-# Numbers of the graph, of its tests and of hypotheses, which nobody sets.
+# Numbers of the graph and of consistency tests, which nobody sets.
 
 LAG = 40  # steps in a sliding window: 20 or 30 lose a little
 ITERATIONS = 4  # most Gauss-Newton steps in a frame: with two sigma doubles
@@ -295,39 +295,12 @@ ACROSS = 2e-3  # [m] motion of a disturbed object across the outline in a step: 
 TURNED = 3.0  # ratio of c times the turn of a disturbed object to its slide: a hand turns more than it slides
 SHORT = 5  # steps over which innovations are judged: more tell no more shoves
 PREDICTED = 1e-4  # least share of R in R + H P H' from which a measurement is predicted at all
-ALARMS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
-"""Mean squares of innovations in these steps [variances] from which something else may have moved the object.
-Where nothing did, directions reach theirs 2.6 times a minute of contact, others less (`docs/study/alarms.json`)."""
 UNLIKELY = 3.0  # standard deviations from which a distance or a pose contradicts, and a place is not considered
-SEVERAL, RECENT = 3, 10  # frames that agree, of the last, before a contradiction, jump or standstill counts
-FOUND = (0.005, 0.005, 0.1)  # [m, m, rad] standard deviations below which a displaced object is found again
-BACK, AHEAD = 10, 6  # steps before and after an alarm in which a hand may move the object: a shove lasts half a second
-HAND = 0.012  # [m] standard deviation of the slide over the sensor meanwhile
-SLIDES = (0.0, 0.018, -0.018, 0.036, -0.036)  # [m] slides that become hypotheses, at steps of 1.5 HAND
-
-LIKELY = 0.1  # weight from which a hypothesis makes an estimate ambiguous and is watched for disturbances
-POOR = 1e-3  # weight, relative to the likeliest, below which a hypothesis is dropped
-STAYS = 0.2  # the same, above which the last best stays the best: near ties would swap in every frame
-UNDECIDED = 1e-2  # weight of images that are mirrored, or are not, from which it is undecided
-COST_SHARE = 0.3  # share of costs that counts, as neighbours are alike: weights are then right as often as they say
-OBSERVABLE_YAW = 0.05  # [rad] standard deviation of a round object's yaw that a graph may know of
-
-MOST_YOUNG = 20  # hypotheses with which a contact begins at most: all faces of an outline, each at several places
-LOG_ODDS = 3.0  # log of the odds that an object with a rough pose lies where it was left, not at another place
-ROUGH = (0.006, 0.006, 0.15)  # [m, m, rad] standard deviations of a pose that leaves several places of contact
-HOPELESS = (0.02, 0.02, 0.2)  # [m, m, rad] those of one too rough for one graph to find the object
-PLACE_SIGMA = (0.003, 0.01, 0.157)  # [m, m, rad] deviations of a place: along the normal, along the outline, yaw
-KNOWN_YAW, ANY_YAW = 0.236, 1.7  # [rad] deviations of yaw up to which one value is tried, and from which all are alike
+RECENT = 10  # images that repeat to the last bit before a camera counts as hanging
 
 # Limits of plausible frames.
 ANYWHERE_SIGMA = 1.0, 1.0, 2.0  # [m, m, rad] of an object that may be anywhere; larger ones may be millimetres
 LARGEST_ERROR = 5e-3, 0.1  # [m, rad] of a stated pose, with those of mounting and outline
-ACCELERATION = 10.0, 100.0  # [m/s^2, rad/s^2] largest of a robot arm: 11 mm a frame at 30 Hz, which 0.33 m/s makes
-LONGEST_GAP = 60.0  # [s] between frames; a clock that jumps farther is accepted at its second frame
-SLOW = 1.5  # nominal intervals between frames in the mean, from which a stream is slow: a third of its frames are lost
-HIDDEN = 2e-3  # [m] of motion that may hide behind a pose that repeats and does no harm
-SUDDEN = 0.5  # share of its speed from which a robot does not stop at once: its pose is frozen
-SIDEWAYS = 1.22  # [rad] 70 degrees from the sensor's x axis, from which a push is sideways
 
 # Limits of what touch images show.
 SIGNIFICANT = 4.0  # standard deviations by which a touched cell is off the untouched gel, as in the paper

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
-from palpate.config import ALARMS
 from palpate.graph.belief import Belief
 from palpate.graph.factors import NAMES
 from palpate.graph.window import Window
@@ -25,8 +24,12 @@ STEPS_AFTER_ALARM = 6
 """Steps after an alarm in which it may still move it."""
 _SLIDES = np.array((0.0, 0.018, -0.018, 0.036, -0.036))
 """[m] slides that become hypotheses, at steps of 1.5 SHOVE_SIGMA."""
-_WATCHED_FACTORS = [NAMES.index(name) for name in ALARMS]
-_ALARM_LIMITS = np.array([*ALARMS.values()])
+ALARM_LIMITS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
+"""Mean squares of a factor's innovations over some steps [variances] from which something else may have moved the
+object. Where nothing did, directions reach theirs 2.6 times a minute of contact, others less
+(`docs/study/alarms.json`)."""
+_WATCHED_FACTORS = [NAMES.index(name) for name in ALARM_LIMITS]
+_LIMITS = np.array([*ALARM_LIMITS.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Shove:
 def disturbance_alarms(window: Window) -> Flags:
     """Return True (B,) where touch and pushing contradict each other."""
     mean_squares = window.rows["surprise"][:, _WATCHED_FACTORS]
-    return np.asarray((mean_squares > _ALARM_LIMITS).any(axis=1))
+    return np.asarray((mean_squares > _LIMITS).any(axis=1))
 
 
 def propose_shove(rows: Hypotheses, alarms: Flags, step: int) -> Shove | None:
