@@ -77,8 +77,7 @@ class PoseEvidence:
     """True if it is not yet known how images lie."""
 
 
-@dataclass(frozen=True)
-class Evidence:
+class Evidence(NamedTuple):
     """All that decides status and reason of one estimate."""
 
     pose: PoseEvidence

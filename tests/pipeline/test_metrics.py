@@ -9,6 +9,7 @@ from scipy.stats import norm
 from palpate import Trajectory
 from palpate.geometry import se2
 from palpate.pipeline import metrics
+from palpate.types.estimate import Answer
 
 TRUTH = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3])
 POSE = np.array([[0.003, 0.004, 0.1], [0.0, 0.0, -0.1], [0.0, 0.012, 0.2], [9.0, 9.0, 1.0]])
@@ -126,3 +127,12 @@ def test_the_summary_scores_frames_with_truth():
     assert list(blind) == list(found) and (blind["scored_frames"], blind["tactile"]) == (0, "none")
     scores = [key for key in blind if key.endswith(("_mm", "_deg", "_mean", "_time_s", "_share", "_final"))]
     assert {blind[key] for key in scores if not key.startswith("ambiguous")} == {None}
+
+
+def test_ambiguous_frames_by_the_origin_of_their_answers():
+    kept, moved = Answer(POSE[0], np.eye(3), 0.5), Answer(POSE[1], np.eye(3), 0.2, "shove")
+    mirror = Answer(POSE[1], np.eye(3), 0.1, "mirrored images")
+    answers = ((kept, moved), (moved, kept), (kept, moved, moved, mirror), (), (kept, mirror))
+    status = ("ambiguous", "ambiguous", "ambiguous", "tracking", "tracking")
+    assert metrics.ambiguous_by_origin(status, answers) == {"shove": 1.0, "mirrored images": pytest.approx(1 / 3)}
+    assert metrics.ambiguous_by_origin(status[3:], answers[3:]) == {}

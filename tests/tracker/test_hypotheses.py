@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from collections import Counter
 from functools import cache
 from typing import Any
 
@@ -28,6 +27,7 @@ from tracker_samples import CALIBRATED, nees, poses, rotation_errors, settings, 
 
 from palpate import ContactDirection, Estimate, Frame, ObjectPose, Tracker
 from palpate.status import ORIGINS
+from palpate.types.estimate import count_origins
 
 Array = np.ndarray
 ROUGH = (0.02, 0.02, math.radians(10.0))
@@ -51,6 +51,11 @@ def tracked(seen: list[Frame], first: Any, name: str = "rectangle", **how: Any) 
     return [tracker.update(frame) for frame in seen]
 
 
+def origins(found: list[Estimate]) -> set[str]:
+    """Origins of the answers of estimates that have several."""
+    return {answer.origin for estimate in found if len(estimate.answers) > 1 for answer in estimate.answers}
+
+
 def check_answers(found: list[Estimate]) -> None:
     for estimate in found:
         weights = [answer.weight for answer in estimate.answers]
@@ -71,7 +76,7 @@ def check_answers(found: list[Estimate]) -> None:
         if estimate.status == "ambiguous":
             assert len(estimate.answers) > 1
             assert "from the best fit what was measured: " in estimate.reason
-            for origin, count in Counter([answer.origin for answer in estimate.answers]).items():
+            for origin, count in count_origins(estimate.answers).items():
                 assert f"{ORIGINS[origin]} ({count})" in estimate.reason
 
 
@@ -106,6 +111,7 @@ def test_an_object_moved_by_a_hand_in_contact_may_be_in_several_places(slid, tur
     assert "ambiguous" in statuses(found)[AT + 1 : AT + 4]
     assert nees(found, o)[AT + 3 :].max() < 7.8
     assert max(len(estimate.answers) for estimate in found) <= 9
+    assert origins(found[AT + 1 :]) == {"as before", "shove"}
     # One of the last answers is right.
     apart = [np.abs(planar.log(planar.between(answer.pose, o[-1]))) for answer in found[-1].answers]
     assert min(np.hypot(*off[:2]) for off in apart) < 5e-3
@@ -145,6 +151,7 @@ def test_an_object_known_roughly_is_found_by_touch(off):
     found = tracked(with_directions("rectangle", o, e, contact), planar.compose(o[0], off), sigma=ROUGH)
     check_answers(found)
     assert max(len(estimate.answers) for estimate in found) > 3
+    assert origins(found[:41]) - {"shove"} == {"rough start"}
     # The first contact tells face and yaw, unless it is at a corner, the second the rest; the truth is in the regions.
     assert nees(found, o).max() < 7.8
     likely = [one for one in found[40].answers if one.weight > 0.1]

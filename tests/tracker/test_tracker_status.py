@@ -79,6 +79,7 @@ def test_an_object_moved_while_untouched_may_be_touched_anywhere(shift):
     _, found = track("rectangle", frames(o, e, contact), o[0], settings())
     assert {len(estimate.answers) for estimate in found[:51]} == {1}
     assert found[51].status in ("ambiguous", "uncertain") and len(found[51].answers) > 3
+    assert {answer.origin for answer in found[51].answers} == {"as before", "first contact"}
     # One answer would have been sure of itself within millimetres; several cover the truth from the first frame on.
     assert nees(found, o)[41:51].min() > 100.0
     assert nees(found, o)[51:].max() < 7.8

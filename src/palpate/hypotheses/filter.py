@@ -151,7 +151,7 @@ class MultiHypothesisFilter:
         if window is None:
             return None
         touch = window.last(0)["touch"]
-        return Touching(touch["point"], touch["normal"], window.rows["innovations"][0].copy())
+        return Touching(complex(touch["point"]), complex(touch["normal"]), window.rows["innovations"][0].copy())
 
     def _rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
         """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise."""
@@ -314,7 +314,7 @@ class MultiHypothesisFilter:
             bank.take(kept)
             bank.rows = replace(bank.rows, weight=weights)
         is_single = len(bank) == 1
-        if is_single:
+        if is_single and not bank.rows.is_only_one:
             bank.rows = bank.rows.as_only_one()
         window.count_all_costs(np.full(len(bank), is_single))
         if has_mirrors:

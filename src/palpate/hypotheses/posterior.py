@@ -22,8 +22,7 @@ _FOUND_SIGMA = np.array((0.005, 0.005, 0.1))
 _GRIP = IN_OBJECT[GRIP].start
 
 
-@dataclass(frozen=True, eq=False)
-class Touching:
+class Touching(NamedTuple):
     """The contact of the best hypothesis at the last step, in the object frame."""
 
     point: complex
@@ -94,8 +93,7 @@ class Tolerance(NamedTuple):
     """[rad]; infinite for a round object, which looks alike at every yaw."""
 
 
-@dataclass(frozen=True)
-class Circumstances:
+class Circumstances(NamedTuple):
     """Circumstances of a frame that the hypotheses do not show."""
 
     hidden_motion: float = 0.0
@@ -122,7 +120,7 @@ def posterior_of(
     if rows.contradictions.any():
         covariances = covariances + monitor.contradiction_covariance(rows)
         by_poses, by_outline = contradicting_distances(rows)[0].tolist()
-    if not in_contact:
+    if not in_contact and rows.displacement.any():
         covariances = covariances + monitor.displacement_covariance(rows)
     covariance = covariances[0]
     ambiguity = None
@@ -132,8 +130,9 @@ def posterior_of(
         ambiguity = _ambiguity(from_best, rows, tolerance)
     x, y, yaw = np.sqrt(covariance.diagonal()).tolist()
     position = max(x, y)
-    is_moved = bool(rows.displacement[0] > 0.0)
-    is_lost = not in_contact or bool((known[0].diagonal() > np.square(_FOUND_SIGMA)).any())
+    is_displaced = bool(rows.displacement[0] > 0.0)
+    if is_displaced and in_contact:  # until it is found again
+        is_displaced = bool((known[0].diagonal() > np.square(_FOUND_SIGMA)).any())
     evidence = PoseEvidence(
         in_contact=in_contact,
         position_deviation=position,
@@ -143,7 +142,7 @@ def posterior_of(
         has_begun_anew=circumstances.has_begun_anew,
         contradicting_poses=by_poses,
         contradicting_outline=by_outline,
-        is_displaced=is_moved and is_lost,
+        is_displaced=is_displaced,
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=len(rows) > 1 and bool(rows.is_mirror_of_best.any()),
     )

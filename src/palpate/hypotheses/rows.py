@@ -82,6 +82,11 @@ class Hypotheses(RowArrays):
         covariance = whole.covariance * (scale[:, :, None] * scale[:, None, :])
         return replace(self, belief=replace(whole, covariance=covariance), unobservable_yaw=held_out)
 
+    @property
+    def is_only_one(self) -> bool:
+        """True for a single hypothesis that nothing competes with."""
+        return bool(self.weight[0] == 1.0 and self.log_prior[0] == 0.0 and self.origin[0] == "as before")
+
     def as_only_one(self) -> "Hypotheses":
         """Return a single hypothesis that is left as one that nothing else competes with."""
         return replace(self, weight=np.ones(1), log_prior=np.zeros(1), origin=origins(1, "as before"))

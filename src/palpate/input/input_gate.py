@@ -76,30 +76,30 @@ class InputGate:
             raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
         touches_since_start = False
         contact = bool(frame.contact)
-        if frame.image is not None:
-            image = self._detector.read(frame.image)
+        image = frame.image
+        if image is not None:
+            image = self._detector.read(image)
             refuses_grey = reads_images and needs_colours and last is None
             contact = self._shows_touch(frame.time, image, clearance, refuses_grey)
             touches_since_start = self._touches_before_gel_is_known(clearance, contact)
             contact = contact or touches_since_start
-            frame = replace(frame, image=image)
 
         motion = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
         has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
         unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
-        if frame.image is not None and has_drawn_back:
+        if image is not None and has_drawn_back:
             self._detector.forget()  # the gel or the light has changed
             self._may_show_touch = False
             touches_since_start = False
             contact = False
         self._touches_since_start = touches_since_start
         self._hidden_motion = motion.hidden
-        sees_touch = contact and frame.image is not None and not motion.was_unobserved
+        sees_touch = contact and image is not None and not motion.was_unobserved
         weakness = self._poses.weakness(sees_touch)
         was_in_contact = last is not None and bool(last.contact)
         return CheckedFrame(
             corrected=corrected,
-            frame=frame if frame.image is None else replace(frame, contact=contact),
+            frame=frame if image is None else replace(frame, image=image, contact=contact),
             is_first=last is None,
             ends_contact=was_in_contact and (motion.was_unobserved or not contact),
             unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,

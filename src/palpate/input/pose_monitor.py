@@ -7,7 +7,6 @@ set, and is accepted.
 import cmath
 import math
 from collections import deque
-from dataclasses import dataclass
 from statistics import median
 from typing import NamedTuple
 
@@ -44,8 +43,7 @@ class _Sample(NamedTuple):
     pose: Pose
 
 
-@dataclass(frozen=True)
-class SensorMotion:
+class SensorMotion(NamedTuple):
     """Motion of the sensor up to a frame, as far as it was observed."""
 
     was_unobserved: bool

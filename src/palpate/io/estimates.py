@@ -1,7 +1,8 @@
 """Estimates in files: `estimates.csv` with covariance, status and its reason, and messages in an MCAP.
 
 `estimates.csv` has one estimate a row in full double precision, SI units and radians; the covariance is that of the
-tangent vector at the estimate (right, body frame), and contact is 1 or 0.
+tangent vector at the estimate (right, body frame), and contact is 1 or 0. Where there are several answers, origins are
+those of `Answer.origin` with the number of answers of each, as "as before 1; shove 4".
 
 As messages, each estimate is a `PoseStamped`, which viewers draw, a `PoseWithCovarianceStamped`, whose covariance is
 about the axes of the header's frame as ROS has it, not the object's, and a `DiagnosticArray`.
@@ -16,11 +17,11 @@ import numpy as np
 
 from palpate.files import whole_file
 from palpate.io import ros_messages as ros
-from palpate.types.estimate import Estimate, Trajectory
+from palpate.types.estimate import Answers, Estimate, Trajectory, origins_text
 from palpate.types.space import Plane, spatial_covariance
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
-COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status", "reason")
+COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status", "reason", "origins")
 UPPER = np.triu_indices(3)
 
 POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
@@ -29,12 +30,17 @@ LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 """DiagnosticStatus level of each status: 0 is ok, 2 an error; any other is a warning, 1."""
 
 
-def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane) -> None:
-    """Write estimates as messages. Raises FileError if the file exists, or times cannot be stamps."""
-    stamps, fields = ros.nanoseconds(path, trajectory.time), vars(trajectory).values()
+def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane, answers: Answers = ()) -> None:
+    """Write estimates, with any answers beside them, as messages.
+
+    Raises FileError if the file exists, or times cannot be stamps.
+    """
+    stamps = ros.nanoseconds(path, trajectory.time)
+    fields = vars(trajectory).values()
+    several = answers or ((),) * len(trajectory)
     with ros.new_mcap(path) as file:
-        for stamp, *values in zip(stamps, *fields, strict=True):
-            file.add(stamp, estimate_messages(plane, stamp, Estimate(*values)))
+        for stamp, those, *values in zip(stamps, several, *fields, strict=True):
+            file.add(stamp, estimate_messages(plane, stamp, Estimate(*values, answers=those)))
 
 
 def estimate_messages(
@@ -44,7 +50,12 @@ def estimate_messages(
     pose, head = ros.pose_in_space(plane, estimate.pose), ros.header(stamp, plane.frame)
     covariance = spatial_covariance(plane, estimate.pose, estimate.covariance).reshape(36)
     both = ros.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
-    values = {"reason": estimate.reason, "contact": str(bool(estimate.contact)).lower(), **(more or {})}
+    values = {
+        "reason": estimate.reason,
+        "origins": origins_text(estimate.answers),
+        "contact": str(bool(estimate.contact)).lower(),
+        **(more or {}),
+    }
     diagnosis = ros.message(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=LEVELS.get(estimate.status, 1),
@@ -60,11 +71,15 @@ def estimate_messages(
     }
 
 
-def write_estimates_csv(data: Trajectory, path: Path) -> None:
-    """Write estimates with covariance, contact, status and reason. Raises FileError if the file exists."""
+def write_estimates_csv(data: Trajectory, path: Path, answers: Answers = ()) -> None:
+    """Write estimates with covariance, contact, status, reason, and the origins of any answers beside them.
+
+    Raises FileError if the file exists.
+    """
     table = np.column_stack([data.time, data.pose, data.covariance[:, UPPER[0], UPPER[1]]])
+    origins = [origins_text(those) for those in answers] or [""] * len(data)
     with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for row, contact, *words in zip(table.tolist(), data.contact, data.status, data.reason, strict=True):
+        for row, contact, *words in zip(table.tolist(), data.contact, data.status, data.reason, origins, strict=True):
             writer.writerow([*map(repr, row), int(contact), *words])

@@ -6,7 +6,7 @@ Frames without trusted ground truth have NaN errors and are not scored.
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array, Flags
 from palpate.geometry import se2
 from palpate.models.pushing.layout import NAMES
-from palpate.types.estimate import Trajectory
+from palpate.types.estimate import Answers, Origin, Trajectory
 
 CONTENT = ("tracking", "resting")
 """Statuses of an estimate that reports no doubt."""
@@ -175,6 +175,21 @@ def summarise(
         "silently_wrong_share": _mean(silent[since]),
         "ambiguous_share": _mean((np.array(status) == "ambiguous")[contact]),
     }
+
+
+def ambiguous_by_origin(status: Sequence[str], answers: Answers) -> dict[Origin, float]:
+    """Return the share of ambiguous frames that have an answer of an origin, for each origin but "as before".
+
+    It says why a run is ambiguous. The shares may add up to more than 1, as a frame may have answers of several
+    origins. Empty if none of the N frames is ambiguous.
+    """
+    ambiguous = [several for word, several in zip(status, answers, strict=True) if word == "ambiguous"]
+    shares: dict[Origin, float] = {}
+    for origin in get_args(Origin):
+        count = sum(any(answer.origin == origin for answer in several) for several in ambiguous)
+        if count and origin != "as before":
+            shares[origin] = count / len(ambiguous)
+    return shares
 
 
 def innovation_scores(innovations: Sequence[Array | None]) -> dict[str, dict[str, float | None]]:

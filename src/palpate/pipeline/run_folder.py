@@ -65,9 +65,9 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         "recording": RECORDING if file is None else str(file.absolute()),
         **asdict(run.settings),
     }
-    write_estimates_csv(online, folder / "estimates.csv")
+    write_estimates_csv(online, folder / "estimates.csv", run.answers)
     if mcap is not None:
-        write_estimates_mcap(online, folder / MCAP, plane=mcap)
+        write_estimates_mcap(online, folder / MCAP, mcap, run.answers)
     draw(folder / "figure.png", lambda file: run_figure(run).savefig(file, format="png", dpi=120))
     if file is None:
         write_recording(run.recording, folder / RECORDING)

@@ -17,7 +17,7 @@ from palpate.errors import FileError, FrameError, PalpateError, SettingError, on
 from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
 from palpate.pipeline.first_release import release_after_start
-from palpate.pipeline.metrics import flag_runs, innovation_scores, summarise
+from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
@@ -113,6 +113,7 @@ def track(
         knocks=len(flag_runs(np.ravel(recording.extra.get("knocked", 0.0)) > 0.0)),  # as a simulation states them
         wall_s=time.perf_counter() - begin,
     )
+    summary["ambiguous_by_origin"] = ambiguous_by_origin(online.status, answers)
     summary["innovations"] = innovation_scores([estimate.innovations for estimate in estimates])
     summary |= {"final_reason": estimates[-1].reason, "warnings": warnings, "mirrored": tracker.mirrored}
     summary["ended"] = None

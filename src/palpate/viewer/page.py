@@ -3,7 +3,7 @@
 import base64
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,6 +14,8 @@ from palpate.errors import FileError
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.figures import ESTIMATE, OTHERS, draw_moment, millimetres, outline_at, run_figure
 from palpate.pipeline.track import Run
+from palpate.status import ORIGINS
+from palpate.types.estimate import Answer, Origin, count_origins
 
 PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -27,7 +29,8 @@ input, img { width: 100%; margin: 0; }
 </style>
 <input id="slider" type="range" aria-label="time">
 <img id="picture" alt="push from above, touch image, errors and status">
-<pre>INNOVATIONS</pre>
+<pre>AMBIGUITY
+INNOVATIONS</pre>
 <script>
 const pictures = PICTURES;
 const slider = document.getElementById("slider");
@@ -50,8 +53,16 @@ def write_page(run: Run, path: Path) -> None:
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "WEBP", quality=60)
         encoded.append(f"data:image/webp;base64,{base64.b64encode(data.getvalue()).decode()}")
-    page = PAGE.replace("PICTURES", json.dumps(encoded)).replace("INNOVATIONS", table(run.summary["innovations"]))
+    page = PAGE.replace("PICTURES", json.dumps(encoded))
+    page = page.replace("AMBIGUITY", ambiguity_text(run.summary["ambiguous_by_origin"]))
+    page = page.replace("INNOVATIONS", table(run.summary["innovations"]))
     path.write_text(page, encoding="utf-8")
+
+
+def ambiguity_text(shares: Mapping[Origin, float]) -> str:
+    """Return why a run was ambiguous, a line for each origin with its share of the ambiguous frames; else ""."""
+    lines = [f"{share:>16.0%}  {ORIGINS[origin]}" for origin, share in shares.items()]
+    return "\n".join(("share of ambiguous frames with answers by", *lines, "")) if lines else ""
 
 
 def table(scores: Mapping[str, Mapping[str, float | None]]) -> str:
@@ -59,6 +70,13 @@ def table(scores: Mapping[str, Mapping[str, float | None]]) -> str:
     rows = [("innovations", *next(iter(scores.values()), ()))]
     rows += [(name, *("-" if one is None else f"{one:.3g}" for one in each.values())) for name, each in scores.items()]
     return "\n".join("".join(f"{cell:>16}" for cell in row) for row in rows)
+
+
+def origin_lines(answers: Sequence[Answer]) -> list[str]:
+    """Return a line for each origin of several answers, with their number; none for a single answer."""
+    if len(answers) < 2:
+        return []
+    return [f"{origin}: {count}" for origin, count in count_origins(answers).items()]
 
 
 def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
@@ -88,7 +106,7 @@ def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
         for answer in run.answers[frame][1:]:
             moving += above.plot(*outline_at(run, answer.pose), color=OTHERS, lw=1.0)
         moving += [each.axvline(time[frame], color="black", lw=1.0) for each in plots]
-        words.set_text(f"{time[frame]:.2f} s\n{run.online.status[frame]}")
+        words.set_text("\n".join((f"{time[frame]:.2f} s", run.online.status[frame], *origin_lines(run.answers[frame]))))
         shown = [*moving, words]
         with suppress(FileError):  # of a damaged image
             if (image := run.recording[frame].image) is not None:

@@ -1,0 +1,68 @@
+"""The table of statuses: which sign decides where there are several, and what the reason says."""
+
+from dataclasses import replace
+from typing import get_args
+
+import pytest
+
+from palpate.status import TABLE, Ambiguity, Evidence, InputEvidence, PoseEvidence, decide
+from palpate.types.estimate import Status
+
+KNOWN = PoseEvidence(in_contact=True, position_deviation=1e-3, yaw_deviation=0.01, is_beyond_tolerance=False)
+TWO_PLACES = Ambiguity(0.02, 0.07, {"as before": 1, "shove": 2})
+# Signs that decide the status, the strongest first.
+SIGNS = (
+    ("faulty", "the sensor may have moved 4 mm", {}, {"hidden_motion": 4e-3}),
+    ("uncertain", "touch cannot measure before a release", {}, {"touches_since_start": True}),
+    ("ambiguous", "3 poses up to 20 mm and 4 degrees from the best", {"ambiguity": TWO_PLACES}, {}),
+    ("indeterminate", "no solution", {"has_begun_anew": True}, {}),
+    ("strained", "up to 12 mm from the estimate", {"contradicting_poses": 0.012}, {}),
+    ("strained", "put the outline up to 7 mm", {"contradicting_outline": 7e-3}, {}),
+    ("displaced", "the object was moved", {"is_displaced": True}, {}),
+    ("uncertain", "known to 2 mm and 1 degrees", {"is_beyond_tolerance": True}, {}),
+    ("tracking", "", {}, {}),
+)
+
+
+@pytest.mark.parametrize("strongest", range(len(SIGNS)))
+def test_the_strongest_sign_decides(strongest):
+    status, words, _, _ = SIGNS[strongest]
+    pose, stream = KNOWN, InputEvidence()
+    for weaker in reversed(SIGNS[strongest:]):
+        pose, stream = replace(pose, **weaker[2]), replace(stream, **weaker[3])
+        if weaker is SIGNS[strongest]:
+            verdict = decide(Evidence(pose, stream))
+            assert verdict.status == status and words in verdict.reason
+    alone = decide(Evidence(replace(KNOWN, **SIGNS[strongest][2]), InputEvidence(**SIGNS[strongest][3])))
+    assert alone.status == status and words in alone.reason and (alone.reason == "") == (status == "tracking")
+
+
+def test_each_status_has_a_row():
+    assert {row.status for row in TABLE} == set(get_args(Status))
+
+
+def test_an_object_that_is_untouched_rests():
+    assert decide(Evidence(replace(KNOWN, in_contact=False))) == ("resting", "")
+
+
+def test_an_ambiguous_estimate_says_where_its_poses_come_from():
+    reason = decide(Evidence(replace(KNOWN, ambiguity=TWO_PLACES))).reason
+    assert reason.endswith("the pose as before (1), a shove (2)")
+    contradicted = decide(Evidence(replace(KNOWN, ambiguity=TWO_PLACES, contradicting_poses=0.012)))
+    assert contradicted.status == "ambiguous"
+    assert "up to 12 mm from the estimate" in contradicted.reason and "a shove (2)" in contradicted.reason
+
+
+def test_faults_of_the_stream_are_added_to_the_reason():
+    stream = InputEvidence(doubt="another unit?", weakness="frames are slow")
+    assert decide(Evidence(KNOWN, stream)) == ("tracking", "another unit?; frames are slow")
+    assert decide(Evidence(replace(KNOWN, ambiguity=TWO_PLACES), stream)).reason.startswith("another unit?; 3 poses")
+    frozen = replace(stream, hidden_motion=4e-3)
+    assert "another unit" not in decide(Evidence(KNOWN, frozen)).reason
+
+
+def test_images_whose_orientation_is_open_are_named_where_all_is_well():
+    assert "not yet known" in decide(Evidence(replace(KNOWN, may_images_be_mirrored=True))).reason
+    mirrored = replace(KNOWN, takes_images_as_mirrored=True)
+    assert "upside down or mirrored" in decide(Evidence(mirrored)).reason
+    assert "upside down" not in decide(Evidence(replace(mirrored, is_displaced=True))).reason
