@@ -101,8 +101,8 @@ def imprint(difference: Tensor) -> Tensor:
     grey levels) within 3 rows and 13 columns, about 2 mm of a DIGIT, count by half.
     """
     strength = difference.abs().mean(dim=1, keepdim=True)
-    reaches = ((difference.shape[2], 1), (difference.shape[3], 6))
-    above, beside = (torch.from_numpy(_near(*each)).to(difference.device) for each in reaches)
+    above = torch.from_numpy(_near(difference.shape[2], reach=1)).to(difference.device)
+    beside = torch.from_numpy(_near(difference.shape[3], reach=6)).to(difference.device)
     # Products with matrices, as ONNX Runtime takes four times as long to pool.
     strength = torch.matmul(above, strength) / above.sum(dim=1, keepdim=True)
     strength = torch.matmul(strength, beside) / beside.sum(dim=0, keepdim=True)
@@ -120,7 +120,8 @@ def keypoint(activation: Tensor) -> Tensor:
     """Return the centres (B, K, 2) of positive maps (B, K, H, W): column and row, from -1 to 1."""
     height, width = activation.shape[-2:]
     total = activation.sum(dim=(2, 3)) + 1e-6
-    across, down = (cell_centres(count).to(activation.device) for count in (width, height))
+    across = cell_centres(width).to(activation.device)
+    down = cell_centres(height).to(activation.device)
     column = (activation.sum(dim=2) * across).sum(dim=2) / total
     row = (activation.sum(dim=3) * down).sum(dim=2) / total
     return torch.stack([column, row], dim=-1)

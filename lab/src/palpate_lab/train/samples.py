@@ -161,7 +161,8 @@ def with_contact(recording: Recording, calibration: Calibration | None = None) -
     Raises FileError if it has no images or no poses of the object.
     """
     name = recording.file or "the recording"
-    if lacks := [field for field in ("image", "object_pose") if getattr(recording, field) is None]:
+    lacks = [field for field in ("image", "object_pose") if getattr(recording, field) is None]
+    if lacks:
         raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
     if recording.contact is not None:
         return recording
@@ -180,7 +181,8 @@ def gel_at_rest(
     """Return the untouched gel of a recording, else of its unit, without markers, and true if it has markers."""
     name = recording.file or "the recording"
     known = calibration and calibration.background
-    if calibration and (wrong := mismatch(calibration, recording.sensor)):
+    wrong = mismatch(calibration, recording.sensor) if calibration else None
+    if wrong:
         raise FileError(f"{name}: {wrong}")
     assert recording.contact is not None
     untouched = np.flatnonzero(~recording.contact)

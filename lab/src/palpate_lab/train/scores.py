@@ -36,31 +36,32 @@ def errors_of(network: TouchNetwork | Together, samples: Samples) -> Errors:
             network(batch(samples, np.arange(begin, min(begin + 256, len(samples)))))
             for begin in range(0, len(samples), 256)
         ]
-    outputs = [torch.cat(each).numpy().astype(np.float64) for each in zip(*parts, strict=True)]
-    found: dict[str, tuple[Array, Array, Indices]] = {}
+    outputs = [torch.cat(batches).numpy().astype(np.float64) for batches in zip(*parts, strict=True)]
+    errors: dict[str, tuple[Array, Array, Indices]] = {}
     for name, output in zip(network.outputs, outputs, strict=True):
         mean = output[:, 0]
         variance = np.exp(output[:, 1])
         contact = samples.episode
         if name == "direction":
-            found[name] = se2.wrap(mean - samples.direction), variance, contact
+            errors[name] = se2.wrap(mean - samples.direction), variance, contact
         elif name == "place":  # of centimetres
-            found[name] = 1e-2 * mean - samples.place, 1e-4 * variance, contact
+            errors[name] = 1e-2 * mean - samples.place, 1e-4 * variance, contact
         elif name == "turn":
-            found[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
+            errors[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
         else:
             error = mean + output[:, 2] * (samples.cone - RIGHT_ANGLE) - samples.corner
-            at = np.isfinite(samples.corner) & (output[:, 3] > CORNER_LOGIT)
-            found[name] = without_offsets(error[at], variance[at], contact[at]), variance[at], contact[at]
-    return found
+            is_corner = np.isfinite(samples.corner) & (output[:, 3] > CORNER_LOGIT)
+            error = without_offsets(error[is_corner], variance[is_corner], contact[is_corner])
+            errors[name] = error, variance[is_corner], contact[is_corner]
+    return errors
 
 
 def without_offsets(error: Array, variance: Array, contact: Indices) -> Array:
     """Return errors (N,) [rad] less the weighted mean of their contact, which is an unknown offset."""
     error = error.copy()
     weight = 1.0 / variance
-    for each in np.unique(contact):
-        chosen = contact == each
+    for number in np.unique(contact):
+        chosen = contact == number
         error[chosen] = np.unwrap(error[chosen])
         error[chosen] -= np.average(error[chosen], weights=weight[chosen])
     return error

@@ -96,7 +96,8 @@ def train(
         with bar("reading recordings", len(files) + len(test)) as progress:
             how = settings.workers, progress, calibration, orientation
             samples, sensor, failed = read_samples([*files, *test], *how)
-        if base is not None and (wrong := misfit(sensor, base)):
+        wrong = None if base is None else misfit(sensor, base)
+        if wrong:
             raise FileError(f"{start}: {wrong}")
         is_test = samples.recording >= len(files)
         if test and not is_test.any():

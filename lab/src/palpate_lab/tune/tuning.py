@@ -115,14 +115,15 @@ def tune(
     warm_up()  # before there are workers, so that none has to, at every evaluation anew
     start = settings.tracker
     names = parameters_of(start, settings.methods[0])
-    first = scores_of(files, settings, workers)
+    first = scores_of(files, settings, workers)  # at the start
     left_out = {name: why for name, why in first.items() if isinstance(why, str)}
     used = [name for name in files if name not in left_out]
     if not used:
         raise FileError(f"no recording can be tuned on; the first: {next(iter(left_out.values()), 'there is none')}")
     judging = used[3::4]
     learning = [name for name in used if name not in judging]
-    before, other = (judge({name: first[name] for name in some}) for some in (learning, judging))
+    before = judge({name: first[name] for name in learning})
+    held_out_before = judge({name: first[name] for name in judging})
     assert before is not None
 
     def changes(now: TrackerSettings) -> dict[str, dict[str, float]]:
@@ -131,7 +132,16 @@ def tune(
     def judged(recordings: Sequence[str], tracker: TrackerSettings) -> Judgement | None:
         return judge(scores_of({name: files[name] for name in recordings}, replace(settings, tracker=tracker), workers))
 
-    best = Tuning(start, changes(start), tuple(learning), before, before, tuple(judging), other, left_out=left_out)
+    best = Tuning(
+        settings=start,
+        parameters=changes(start),
+        recordings=tuple(learning),
+        before=before,
+        after=before,
+        held_out=tuple(judging),
+        held_out_before=held_out_before,
+        left_out=left_out,
+    )
     if progress:
         progress(best)
 
