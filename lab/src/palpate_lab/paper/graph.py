@@ -99,15 +99,15 @@ class Tracker:
             first = gtsam.noiseModel.Gaussian.Covariance(turned @ self.covariance @ turned.T)
             graph.push_back(gtsam.PriorFactorPose2(G(0), gtsam.Pose2(*guess), first))
         else:
-            guess = _array(self._isam.calculateEstimatePose2(G(t - 1)))  # it sticks
+            guess = _array(self._isam.calculateEstimatePose2(G(t - 1)))  # as if the contact sticks
             keys = [G(t - 1), E(t - 1), G(t), E(t)]
-            # Of pushes that stick [m, m, m^2 over the unit of length], by errors summed over a contact; authors': 1e-3.
+            # By errors summed over contacts that stick [m, m, m^2 over the unit of length]; the authors have 1e-3.
             sigmas = (8e-5, 8e-5, 2.7e-5)
             graph.push_back(_factor(keys, partial(quasi_static_residual, self._model), sigmas))
         values.insert(G(t), gtsam.Pose2(*guess))
         values.insert(E(t), gtsam.Pose2(*sensor_pose))
         graph.push_back(gtsam.PriorFactorPose2(E(t), gtsam.Pose2(*sensor_pose), _sigmas(CAPTURE)))  # Eq. 12
-        sigmas = (8e-3,)  # [m], likewise; authors': 1e-2
+        sigmas = (8e-3,)  # [m], by errors summed over contacts that stick; the authors have 1e-2
         graph.push_back(_factor([G(t)], partial(contact_residual, self._model), sigmas))
         for back, turn in turns:
             if back <= t:

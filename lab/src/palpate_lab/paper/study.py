@@ -58,7 +58,7 @@ class PaperSettings:
     pairs: int = 20_000
     """Pairs that the transform networks are fitted to, and as many to validate."""
     seed: int = 0
-    """Of recordings, the sensor, weights and pairs."""
+    """Seed of recordings, the sensor, weights and pairs."""
 
 
 FULL = PaperSettings(train=40, test=50, seconds=15.0, steps=2000, pairs=100_000)

@@ -318,7 +318,7 @@ def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image, Image]
     """
     y, z = unit.place
     off = z - np.float32(0.5 * (side.below + side.above))
-    beside = y - np.float32(math.tan(side.roll)) * off  # of a side that leans, the place that is at this pixel
+    beside = y - np.float32(math.tan(side.roll)) * off  # the place along a leaning side that a pixel shows
     back = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z + np.float32(0.5 * side.bulge) * off * off
     back = back - back[(z > side.below) & (z < side.above)].min() + unit.sag(y) - unit.sag(beside)
     column_step = 0.5 * unit.pitch  # [m]

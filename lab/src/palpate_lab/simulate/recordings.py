@@ -228,9 +228,9 @@ def _is_whole(path: Path, wanted: str) -> bool:
             pass
     except CutShort:  # by a broken copy or a failed disk
         return False
-    found = front_matter(path)[0].get(METADATA, {}).get("source", "")
-    if found != wanted:
-        raise SettingError(f"{path}: was made with other options ({found!r}, now {wanted!r}); take another folder")
+    source = front_matter(path)[0].get(METADATA, {}).get("source", "")
+    if source != wanted:
+        raise SettingError(f"{path}: was made with other options ({source!r}, now {wanted!r}); take another folder")
     return True
 
 

@@ -71,12 +71,12 @@ def table(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, dict[str
     and of all sequences ambiguous: share of the frames in contact with that status, and step_ms: {p50, p95, p99},
     medians over sequences. Unknown values are None.
     """
-    found: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, Any]] = {}
     for group in [*sorted({trial.group for trial in trials}), ALL] if trials else []:
         of_group = [trial for trial in trials if group in (trial.group, ALL)]
         by_method = {method: [trial for trial in of_group if trial.method == method] for method in methods}
-        found[group] = {method: _row(some) for method, some in by_method.items() if some}
-    return found
+        rows[group] = {method: _row(of_method) for method, of_method in by_method.items() if of_method}
+    return rows
 
 
 def is_lost(trial: Trial) -> bool:

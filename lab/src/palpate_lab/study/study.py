@@ -201,7 +201,7 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
     """Write the settings to an empty folder, or check that those in it are the same."""
     path = out / "study.json"
     now = json.loads(json.dumps(described(settings)))
-    if not any(not each.name.startswith(".") for each in out.iterdir()):
+    if all(file.name.startswith(".") for file in out.iterdir()):
         write_json(path, {**FORMAT, "made_with": now})
         return
     if not resume:

@@ -161,9 +161,9 @@ def exported(network: TouchNetwork | Together, close: float = 1e-4) -> bytes:
         )
     assert program is not None
     file = _without_notes(program.model_proto)
-    found = session(file).run(None, {"difference": image.numpy()})
+    outputs = session(file).run(None, {"difference": image.numpy()})
     with torch.no_grad():
-        worst = max(float(np.abs(a - b.numpy()).max()) for a, b in zip(found, network(image), strict=True))
+        worst = max(float(np.abs(a - b.numpy()).max()) for a, b in zip(outputs, network(image), strict=True))
     if not worst < close:
         raise EstimationError(f"ONNX Runtime differs from torch by {worst:.2g}; {close} is allowed")
     return file
@@ -174,7 +174,7 @@ def restore(network: nn.Module, file: bytes) -> None:
     import onnx
     from onnx import numpy_helper
 
-    written = {each.name: each for each in onnx.load_from_string(file).graph.initializer}
+    written = {weights.name: weights for weights in onnx.load_from_string(file).graph.initializer}
     for name, value in network.state_dict().items():
         if name.endswith("num_batches_tracked"):
             continue

@@ -128,9 +128,9 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     view = calibration.view if calibration else AS_IT_IS
 
     def image(index: int) -> Image:
-        found = recording[index].image
-        assert found is not None
-        return view.of(found)
+        touch_image = recording[index].image
+        assert touch_image is not None
+        return view.of(touch_image)
 
     background, is_marked = gel_at_rest(recording, image, calibration)
     mean = reduced(background.mean)
@@ -256,10 +256,11 @@ def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices, 
 
 def _unwrapped(yaw: Array, episode: Indices) -> Array:
     """Return yaws (N,) [rad] without leaps at half a turn within a contact."""
-    found = yaw.copy()
-    for each in np.unique(episode):
-        found[episode == each] = np.unwrap(yaw[episode == each])
-    return found
+    unwrapped = yaw.copy()
+    for number in np.unique(episode):
+        contact = episode == number
+        unwrapped[contact] = np.unwrap(yaw[contact])
+    return unwrapped
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

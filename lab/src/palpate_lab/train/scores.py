@@ -96,8 +96,11 @@ def measure_spread(errors: Errors) -> dict[str, Spread]:
 
     No variance is reduced: training images vary more than simulated ones do, and real ones vary as much.
     """
-    found = {name: spread_of(*each) if len(each[0]) else Spread(1.0, 1.0) for name, each in errors.items()}
-    return {name: replace(spread, scale=max(spread.scale, 1.0)) for name, spread in found.items()}
+    spreads = {}
+    for name, (error, variance, contact) in errors.items():
+        spread = spread_of(error, variance, contact) if len(error) else Spread(1.0, 1.0)
+        spreads[name] = replace(spread, scale=max(spread.scale, 1.0))
+    return spreads
 
 
 def coverage(error: Array, variance: Array) -> dict[float, float]:
@@ -108,15 +111,15 @@ def coverage(error: Array, variance: Array) -> dict[float, float]:
 
 def judge(errors: Errors, spread: Mapping[str, Spread]) -> dict[str, Any]:
     """Return accuracy and calibration of each output, as plain data; places in millimetres, angles in degrees."""
-    found = {}
+    scores = {}
     for name, (error, variance, _) in errors.items():
         if not len(error):
             continue
         scaled = variance * spread[name].scale
         unit, per_unit = ("mm", 1e-3) if name == "place" else ("deg", np.radians(1.0))
-        found[name] = {
+        scores[name] = {
             "coverage": {f"{share:g}": part for share, part in coverage(error, scaled).items()},
             f"rms_{unit}": float(np.sqrt(np.mean(error**2)) / per_unit),
             f"median_{unit}": float(np.median(np.abs(error)) / per_unit),
         }
-    return found
+    return scores

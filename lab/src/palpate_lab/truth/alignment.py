@@ -62,9 +62,9 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
         # The tag is within some 5 cm of the sensor's origin.
         return np.concatenate([(difference(unknowns, used) / noise).ravel(), unknowns[3:5] / 0.05])
 
-    found = least_squares(residuals, start, loss="soft_l1", x_scale=[0.1, 0.1, 0.1, 0.01, 0.01, 0.1, 0.01])
+    fit = least_squares(residuals, start, loss="soft_l1", x_scale=[0.1, 0.1, 0.1, 0.01, 0.01, 0.1, 0.01])
     # Errors of robot and video last for many pictures; a tenth of them count.
-    covariance = 10.0 * np.linalg.inv(found.jac.T @ found.jac)
+    covariance = 10.0 * np.linalg.inv(fit.jac.T @ fit.jac)
     sigma = np.sqrt(np.diag(covariance))[[0, 1, 2, 6]]
     largest = sigma[:2].max()
     if largest > 1e-3:
@@ -72,9 +72,9 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
             f"the table's place in the world is known to {largest * 1e3:.1f} mm only: the sensor turns by "
             f"{turned:.0f} degrees; {advice}"
         )
-    off = difference(found.x, used)[:, :2]
+    off = difference(fit.x, used)[:, :2]
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
-    return Alignment(found.x[:3], found.x[3:6], float(found.x[6]), sigma, rms)
+    return Alignment(fit.x[:3], fit.x[3:6], float(fit.x[6]), sigma, rms)
 
 
 def _first_guess(sensor: Array, tag: Array, delay: float) -> Array:

@@ -78,15 +78,15 @@ class Tuning:
     recordings: tuple[str, ...]
     """Recordings tuned on."""
     before: Judgement
-    """Of these, at the start."""
+    """Judgement on the recordings tuned on, at the start."""
     after: Judgement
-    """Of these, now."""
+    """Judgement on the recordings tuned on, now."""
     held_out: tuple[str, ...]
     """Recordings held out, every fourth."""
     held_out_before: Judgement | None
-    """Of these, at the start; None if there are none."""
+    """Judgement on the recordings held out, at the start; None if there are none."""
     held_out_after: Judgement | None = None
-    """Of these, at the end; None while tuning."""
+    """Judgement on the recordings held out, at the end; None while tuning."""
     left_out: dict[str, str] = field(default_factory=dict)
     """Reason why a recording cannot be used, by name."""
     evaluations: int = 1
@@ -154,14 +154,14 @@ def tune(
             return -before.nats
         if best.evaluations == evaluations:
             raise _Spent
-        found = judged(learning, tried)
-        assert found is not None
-        if found.nats > best.after.nats:
-            best = replace(best, settings=tried, parameters=changes(tried), after=found)
+        judgement = judged(learning, tried)
+        assert judgement is not None
+        if judgement.nats > best.after.nats:
+            best = replace(best, settings=tried, parameters=changes(tried), after=judgement)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
-        return -found.nats
+        return -judgement.nats
 
     bounds = np.log([TUNABLE[name] for name in names])
     at = np.clip(np.log([max(value_of(start, name), 1e-300) for name in names]), *bounds.T)
@@ -173,22 +173,22 @@ def tune(
 
 def scores_of(files: Mapping[str, Path], settings: StudySettings, workers: int = 1) -> Scores:
     """Track recordings by name, in so many processes; return their scores in the same order."""
-    found = dict(spread(partial(_scored, settings=settings), files.items(), workers))
-    return {name: found[name] for name in files}
+    scores = dict(spread(partial(_scored, settings=settings), files.items(), workers))
+    return {name: scores[name] for name in files}
 
 
 def judge(scores: Scores) -> Judgement | None:
     """Return the judgement on recordings that can be used; None if there are none."""
     if not scores:
         return None
-    done = [each for each in scores.values() if isinstance(each, dict)]
+    summaries = [summary for summary in scores.values() if isinstance(summary, dict)]
     kinds: dict[str, list[float]] = {}
-    for name, each in scores.items():
-        nats = max(each["nats"], WORST) if isinstance(each, dict) else WORST
+    for name, summary in scores.items():
+        nats = max(summary["nats"], WORST) if isinstance(summary, dict) else WORST
         kinds.setdefault(group_of(name), []).append(nats)
 
     def of_all(middle: Callable[[list[float]], float], key: str) -> float | None:
-        return middle([each[key] for each in done]) if done else None
+        return middle([summary[key] for summary in summaries]) if summaries else None
 
     return Judgement(
         recordings=len(scores),
@@ -196,7 +196,7 @@ def judge(scores: Scores) -> Judgement | None:
         translation_rmse_mm=of_all(median, "translation_rmse_mm"),
         rotation_rmse_deg=of_all(median, "rotation_rmse_deg"),
         inside_95=of_all(fmean, "in_95_share"),
-        given_up=len(scores) - len(done),
+        given_up=len(scores) - len(summaries),
     )
 
 
