@@ -113,37 +113,14 @@ def tune(
     if evaluations < 1:
         raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
     warm_up()  # before there are workers, so that none has to, at every evaluation anew
+    best = _begun(files, settings, workers)
+    if progress:
+        progress(best)
     start = settings.tracker
-    names = parameters_of(start, settings.methods[0])
-    first = scores_of(files, settings, workers)  # at the start
-    left_out = {name: why for name, why in first.items() if isinstance(why, str)}
-    used = [name for name in files if name not in left_out]
-    if not used:
-        raise FileError(f"no recording can be tuned on; the first: {next(iter(left_out.values()), 'there is none')}")
-    judging = used[3::4]
-    learning = [name for name in used if name not in judging]
-    before = judge({name: first[name] for name in learning})
-    held_out_before = judge({name: first[name] for name in judging})
-    assert before is not None
-
-    def changes(now: TrackerSettings) -> dict[str, dict[str, float]]:
-        return {name: {"before": value_of(start, name), "after": value_of(now, name)} for name in names}
+    names = tuple(best.parameters)
 
     def judged(recordings: Sequence[str], tracker: TrackerSettings) -> Judgement | None:
         return judge(scores_of({name: files[name] for name in recordings}, replace(settings, tracker=tracker), workers))
-
-    best = Tuning(
-        settings=start,
-        parameters=changes(start),
-        recordings=tuple(learning),
-        before=before,
-        after=before,
-        held_out=tuple(judging),
-        held_out_before=held_out_before,
-        left_out=left_out,
-    )
-    if progress:
-        progress(best)
 
     def objective(logarithms: Array) -> float:
         nonlocal best
@@ -151,13 +128,13 @@ def tune(
         for name, value in zip(names, np.exp(logarithms).tolist(), strict=True):
             tried = with_value(tried, name, value)
         if tried == start:
-            return -before.nats
+            return -best.before.nats
         if best.evaluations == evaluations:
             raise _Spent
-        judgement = judged(learning, tried)
+        judgement = judged(best.recordings, tried)
         assert judgement is not None
         if judgement.nats > best.after.nats:
-            best = replace(best, settings=tried, parameters=changes(tried), after=judgement)
+            best = replace(best, settings=tried, parameters=_changes(names, start, tried), after=judgement)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
@@ -168,7 +145,35 @@ def tune(
     radii = {"initial_tr_radius": 0.7, "final_tr_radius": 0.02}  # factors of 2 and 1.02
     with suppress(_Spent):
         minimize(objective, at, method="COBYQA", bounds=bounds, options=radii)
-    return replace(best, held_out_after=judged(judging, best.settings))
+    return replace(best, held_out_after=judged(best.held_out, best.settings))
+
+
+def _begun(files: Mapping[str, Path], settings: StudySettings, workers: int) -> Tuning:
+    """Return a tuning at its start: the recordings that can be used, a fourth of them held out, and their scores."""
+    scores = scores_of(files, settings, workers)
+    left_out = {name: reason for name, reason in scores.items() if isinstance(reason, str)}
+    used = [name for name in files if name not in left_out]
+    if not used:
+        raise FileError(f"no recording can be tuned on; the first: {next(iter(left_out.values()), 'there is none')}")
+    held_out = tuple(used[3::4])
+    recordings = tuple(name for name in used if name not in held_out)
+    before = judge({name: scores[name] for name in recordings})
+    assert before is not None
+    names = parameters_of(settings.tracker, settings.methods[0])
+    return Tuning(
+        settings=settings.tracker,
+        parameters=_changes(names, settings.tracker, settings.tracker),
+        recordings=recordings,
+        before=before,
+        after=before,
+        held_out=held_out,
+        held_out_before=judge({name: scores[name] for name in held_out}),
+        left_out=left_out,
+    )
+
+
+def _changes(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, dict[str, float]]:
+    return {name: {"before": value_of(start, name), "after": value_of(now, name)} for name in names}
 
 
 def scores_of(files: Mapping[str, Path], settings: StudySettings, workers: int = 1) -> Scores:
