@@ -1,7 +1,9 @@
 """The package from outside: what `import palpate` brings."""
 
+import ast
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -51,6 +53,16 @@ assert (arguments["time_offset"].default, arguments["off_plane"].default) == (0.
 def test_python_and_the_command_line_have_one_source_of_defaults():
     done = subprocess.run([sys.executable, "-c", CHANGED_DEFAULTS], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_palpate_imports_nothing_of_its_laboratory():
+    package = Path(palpate.__file__).parent
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            words = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            words += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            words += [node.value] if isinstance(node, ast.Constant) and isinstance(node.value, str) else []
+            assert not any(word.startswith("palpate_lab") for word in words), f"{path}:{getattr(node, 'lineno', 0)}"
 
 
 def test_every_public_name_is_there():

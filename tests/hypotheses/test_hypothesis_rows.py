@@ -5,13 +5,13 @@ from itertools import combinations
 
 import numpy as np
 import planar
-from palpate.graph.belief import Belief
 from push_samples import contact_directions, in_two_contacts, model_of
 
 from palpate import ContactDirection, Frame, TrackerSettings
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.hypotheses.posterior import Posterior
 from palpate.hypotheses.rows import Hypotheses
+from palpate.models.pushing.belief import Belief
 
 FIRST_SIGMA = np.array([0.02, 0.02, 0.17])
 

@@ -1,4 +1,7 @@
-"""The laboratory: it simulates, trains and studies; nothing in the product imports from it."""
+"""The laboratory: it simulates, trains and studies.
+
+Its commands join those of palpate by entry points; palpate imports nothing of it.
+"""
 
 import os
 from importlib import import_module

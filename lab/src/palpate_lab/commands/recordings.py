@@ -181,11 +181,11 @@ def truth(
     with progress_bar(f"looking for tags in {video.name}"), in_file(video):
         tag_on_object, tag_on_sensor = track_tags(read_video(video), overhead)
         alignment = align(given.time, given.sensor_pose, tag_on_sensor)
-    found = with_truth(given, tag_on_object, alignment)
-    palpate.write_recording(found, out, overwrite=force)
+    with_poses = with_truth(given, tag_on_object, alignment)
+    palpate.write_recording(with_poses, out, overwrite=force)
     summary = {
-        "frames": len(found),
-        "with_truth": sum(map(isfinite, found.truth[:, 0])),
+        "frames": len(with_poses),
+        "with_truth": sum(map(isfinite, with_poses.truth[:, 0])),
         "delay_s": alignment.delay,
         "delay_sigma_s": float(alignment.sigma[3]),
         "object_height_mm": tag_on_object.height * 1e3,

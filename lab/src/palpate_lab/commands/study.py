@@ -67,12 +67,12 @@ def evaluate(
     if study.trials:
         with progress_bar("drawing figures"):
             write_figures(out / "figures", study.trials)
-    found = {"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}}
+    data = {"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}}
     counts = {key: results["study"][key] for key in ("trials", "kept", "skipped", "failed", "wall_s")}
-    reasons = Counter(each["reason"] for each in results["skipped"])
+    reasons = Counter(skipped["reason"] for skipped in results["skipped"])
     rows = {method: {key: row[key] for key in SHOWN} for method, row in results["table"].get(ALL, {}).items()}
     shown = {"report": str(out), **counts, "reasons": dict(reasons), ALL: rows}
-    return Report("study", found, shown, code=3 if study.failed else 0)
+    return Report("study", data, shown, code=3 if study.failed else 0)
 
 
 def paper(
@@ -100,7 +100,12 @@ def paper(
         raise SettingError(f"seed is {seed}; allowed is 0 or more")
     if small and full:
         raise SettingError("palpate paper takes --small or --full, not both")
-    settings = replace(SMALL if small else FULL if full else PaperSettings(), seed=seed)
+    size = PaperSettings()
+    if small:
+        size = SMALL
+    if full:
+        size = FULL
+    settings = replace(size, seed=seed)
     try:
         results = run(out, settings, progress_bar, workers.workers, workers.dask)
     except KeyboardInterrupt as stop:
@@ -207,12 +212,12 @@ def tune(
     new_file(out, overwrite=True)
 
     def keep(tuning: "Tuning") -> dict[str, Any]:
-        """Write the settings of a tuning, and return what is said of it."""
+        """Write the settings of a tuning, and return the command's result."""
         show(tuning.evaluations, f"{tuning.before.nats:.3f} -> {tuning.after.nats:.3f}")
         about = {key: value for key, value in asdict(tuning).items() if key not in ("settings", "left_out")}
-        found = {"tactile": touch.tactile, "start": start, **about}
-        write_noise(tuning.settings.noise, out, found, overwrite=True)
-        return found
+        result = {"tactile": touch.tactile, "start": start, **about}
+        write_noise(tuning.settings.noise, out, result, overwrite=True)
+        return result
 
     with progress_bar("tuning", evaluations) as show:
         tuning = tune_settings(find_recordings(folder), settings, evaluations, workers, keep)

@@ -50,11 +50,8 @@ class KeypointNetwork(nn.Module):
 
     def reconstructed(self, points: Tensor) -> Tensor:
         """Return images (B, 3, 32, 128) from key points (B, 1, 2), each drawn as a Gaussian on an empty map."""
-        blob = 0.1  # [share of the image] standard deviation
-        row, column = (
-            torch.exp(-(((cell_centres(count) - points[..., axis : axis + 1]) / (2.0 * blob)) ** 2) / 2.0)
-            for count, axis in zip(MAP, (1, 0), strict=True)
-        )
+        column = _bump(MAP[1], points[..., 0:1])
+        row = _bump(MAP[0], points[..., 1:2])
         return self.decoder(row[..., :, None] * column[..., None, :])
 
 
@@ -113,6 +110,12 @@ def keypoints_of(network: KeypointNetwork, images: Images) -> tuple[Array, Array
             points.append(found[:, 0].numpy().astype(float))
             classes.append((logits + possible.log()).softmax(dim=1).numpy().astype(float))
     return np.concatenate(points), np.concatenate(classes)
+
+
+def _bump(count: int, centre: Tensor) -> Tensor:
+    """Return a Gaussian (B, 1, count) over the cells of a map's side, about centres (B, 1, 1) from -1 to 1."""
+    blob = 0.1  # [share of the image] standard deviation
+    return torch.exp(-(((cell_centres(count) - centre) / (2.0 * blob)) ** 2) / 2.0)
 
 
 def _tensor(difference: NDArray[np.float16]) -> Tensor:

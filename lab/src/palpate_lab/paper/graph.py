@@ -41,7 +41,7 @@ def contact_residual(model: ContactModel, poses: Array) -> Array:
 
 def quasi_static_residual(model: ContactModel, poses: Array) -> Array:
     """Return the errors (..., 3) of g and e before and after a step (..., 4, 3): Eqs. 7 to 10, D V - Vp."""
-    g0, e0, g1, e1 = (poses[..., k, :] for k in range(4))
+    g0, e0, g1, e1 = np.moveaxis(poses, -2, 0)
     before = se2.compose(e0, se2.inverse(g0))
     after = se2.compose(e1, se2.inverse(g1))
     vx, vy, omega = np.moveaxis(se2.log(se2.between(before, after)), -1, 0)
@@ -99,15 +99,15 @@ class Tracker:
             first = gtsam.noiseModel.Gaussian.Covariance(turned @ self.covariance @ turned.T)
             graph.push_back(gtsam.PriorFactorPose2(G(0), gtsam.Pose2(*guess), first))
         else:
-            guess = _array(self._isam.calculateEstimatePose2(G(t - 1)))  # it sticks
+            guess = _array(self._isam.calculateEstimatePose2(G(t - 1)))  # as if the contact sticks
             keys = [G(t - 1), E(t - 1), G(t), E(t)]
-            # Of pushes that stick [m, m, m^2 over the unit of length], by errors summed over a contact; authors': 1e-3.
+            # By errors summed over contacts that stick [m, m, m^2 over the unit of length]; the authors have 1e-3.
             sigmas = (8e-5, 8e-5, 2.7e-5)
             graph.push_back(_factor(keys, partial(quasi_static_residual, self._model), sigmas))
         values.insert(G(t), gtsam.Pose2(*guess))
         values.insert(E(t), gtsam.Pose2(*sensor_pose))
         graph.push_back(gtsam.PriorFactorPose2(E(t), gtsam.Pose2(*sensor_pose), _sigmas(CAPTURE)))  # Eq. 12
-        sigmas = (8e-3,)  # [m], likewise; authors': 1e-2
+        sigmas = (8e-3,)  # [m], by errors summed over contacts that stick; the authors have 1e-2
         graph.push_back(_factor([G(t)], partial(contact_residual, self._model), sigmas))
         for back, turn in turns:
             if back <= t:
@@ -116,15 +116,16 @@ class Tracker:
                 graph.push_back(gtsam.BetweenFactorPose2(G(t - back), G(t), measured, noise))
         try:
             self._isam.update(graph, values)
-            g, e = (_array(self._isam.calculateEstimatePose2(key)) for key in (G(t), E(t)))
-            of_g, of_e = (self._isam.marginalCovariance(key) for key in (G(t), E(t)))
+            g = _array(self._isam.calculateEstimatePose2(G(t)))
+            e = _array(self._isam.calculateEstimatePose2(E(t)))
+            covariance = self._isam.marginalCovariance(G(t)) + self._isam.marginalCovariance(E(t))
         except RuntimeError as error:  # an indeterminate linear system
             _log.warning("a frame of contact is left out: %s", error)
             self.steps = 0
             return
         turned = se2.adjoint(g)
         self.pose = se2.compose(e, se2.inverse(g))
-        self.covariance = turned @ (of_g + of_e) @ turned.T
+        self.covariance = turned @ covariance @ turned.T
         self.steps += 1
 
 
@@ -143,26 +144,28 @@ def track_episodes(
     tracker = Tracker(model, first_pose)
     poses = []
     covariances = []
-    took = []
+    step_ms = []
     for t, pose in enumerate(sensor_pose):
         begin = time.perf_counter()
         if episode[t] < 0 or (t and episode[t] != episode[t - 1]):
             tracker.steps = 0
         if episode[t] >= 0:
             tracker.step(pose, turns.get(t, []), sigma)
-        took.append(1e3 * (time.perf_counter() - begin))
+        step_ms.append(1e3 * (time.perf_counter() - begin))
         poses.append(tracker.pose)
         covariances.append(tracker.covariance)
-    return np.array(poses), np.array(covariances), np.array(took)
+    return np.array(poses), np.array(covariances), np.array(step_ms)
 
 
 def compared_frames(age: int) -> list[int]:
-    """Return how many frames ago the frames are that one of this age in its episode is compared with.
+    """Return the distances [frames] to the earlier frames that a frame of this age in its episode is compared with.
 
     A young frame is compared with the first as well, which has the prior: without that its yaw drifts.
     """
-    found = BACK[age >= BACK].tolist()
-    return [*found, age] if 0 < age <= BACK[-1] and age not in found else found
+    distances = BACK[age >= BACK].tolist()
+    if 0 < age <= BACK[-1] and age not in distances:
+        distances.append(age)
+    return distances
 
 
 def _factor(keys: Sequence[int], residual: object, sigmas: Sequence[float]) -> gtsam.CustomFactor:
@@ -178,11 +181,11 @@ def _factor(keys: Sequence[int], residual: object, sigmas: Sequence[float]) -> g
         poses = np.array([_array(values.atPose2(key)) for key in factor.keys()])  # noqa: SIM118
         if jacobians is None:
             return residual(poses)  # type: ignore[operator]
-        found = residual(se2.compose(poses, moves))  # type: ignore[operator]
-        slopes = (found[1::2] - found[2::2]) / 2e-6
+        errors = residual(se2.compose(poses, moves))  # type: ignore[operator]
+        slopes = (errors[1::2] - errors[2::2]) / 2e-6
         for k in range(len(keys)):
             jacobians[k] = np.asfortranarray(slopes[3 * k : 3 * k + 3].T)
-        return found[0]
+        return errors[0]
 
     return gtsam.CustomFactor(_sigmas(sigmas), list(keys), error)
 

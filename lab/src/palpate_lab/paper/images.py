@@ -58,9 +58,9 @@ def read_images(recording: Recording) -> Images:
     assert recording.object_pose is not None and recording.contact is not None
 
     def image(index: int) -> Image:
-        found = recording[index].image
-        assert found is not None
-        return found
+        touch_image = recording[index].image
+        assert touch_image is not None
+        return touch_image
 
     episode = episode_numbers(recording.contact)
     frame = np.flatnonzero(episode >= 0)
@@ -82,7 +82,7 @@ def read_images(recording: Recording) -> Images:
 def joined(parts: Sequence[Images]) -> Images:
     """Return the images of several recordings, with episodes counted through."""
     counts = [int(part.episode.max(initial=-1)) + 1 for part in parts]
-    columns = {each.name: [getattr(part, each.name) for part in parts] for each in fields(Images)}
+    columns = {field.name: [getattr(part, field.name) for part in parts] for field in fields(Images)}
     columns["episode"] = [part.episode + n for part, n in zip(parts, np.cumsum([0, *counts[:-1]]), strict=True)]
     return Images(**{name: np.concatenate(column) for name, column in columns.items()})
 

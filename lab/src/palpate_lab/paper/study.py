@@ -58,7 +58,7 @@ class PaperSettings:
     pairs: int = 20_000
     """Pairs that the transform networks are fitted to, and as many to validate."""
     seed: int = 0
-    """Of recordings, the sensor, weights and pairs."""
+    """Seed of recordings, the sensor, weights and pairs."""
 
 
 FULL = PaperSettings(train=40, test=50, seconds=15.0, steps=2000, pairs=100_000)
@@ -72,28 +72,16 @@ def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: st
 
     Raises FileError if the folder holds a study of another size.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    if (out / "settings.json").exists() and (found := read_json(out / "settings.json")) != asdict(settings):
-        raise FileError(f"{out}: holds a study with settings {found}; take another folder")
-    write_json(out / "settings.json", asdict(settings))
-    shapes = {name: load_shape(outline) for name, outline in SHAPES.items()}
-    for name, count, seconds, seed in (
-        ("train", settings.train, settings.seconds, 2 * settings.seed + 1),
-        ("test", settings.test, 15.0, 2 * settings.seed + 2),
-    ):
-        # All with one sensor, as the paper has one DIGIT.
-        wanted = plan(shapes, count, seed, seconds=seconds, ideal=True, unit=settings.seed)
-        with bar(f"simulating, {name}", len(wanted)) as progress:
-            fill_folder(out / name, wanted, workers=workers, dask=dask, resume=True, progress=progress)
+    _check_settings(out, settings)
+    _simulate(out, settings, bar, workers, dask)
     if not (out / "models.json").exists():
         _learn(out, settings, bar, workers, dask)
     files = find_recordings(out / "test")
-    by = partial(_tracked, out=out.resolve())
-    how = StudySettings(MODES)
+    track_by = partial(_tracked, out=out.resolve())
     with bar("tracking", len(files) * len(MODES)) as progress:
-        study = run_study(files, out / "tracks", how, workers, dask, True, progress, by)
-    for (name, mode), why in study.failed.items():
-        raise EstimationError(f"{out / 'test' / name}: cannot be tracked by {mode}: {why}")
+        study = run_study(files, out / "tracks", StudySettings(MODES), workers, dask, True, progress, track_by)
+    for (name, mode), reason in study.failed.items():
+        raise EstimationError(f"{out / 'test' / name}: cannot be tracked by {mode}: {reason}")
     models = read_json(out / "models.json")
     rows = table(study.trials, MODES)[ALL]
     results = {
@@ -119,20 +107,50 @@ def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: st
     return results
 
 
+def _check_settings(out: Path, settings: PaperSettings) -> None:
+    """Write the settings to the study's folder, or check that those in it are the same."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "settings.json"
+    if path.exists():
+        earlier = read_json(path)
+        if earlier != asdict(settings):
+            raise FileError(f"{out}: holds a study with settings {earlier}; take another folder")
+    write_json(path, asdict(settings))
+
+
+def _simulate(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str | None) -> None:
+    """Simulate the sequences to learn from and those to track, all with one sensor, as the paper has one DIGIT."""
+    shapes = {name: load_shape(outline) for name, outline in SHAPES.items()}
+    for name, count, seconds, seed in (
+        ("train", settings.train, settings.seconds, 2 * settings.seed + 1),
+        ("test", settings.test, 15.0, 2 * settings.seed + 2),
+    ):
+        simulations = plan(shapes, count, seed, seconds=seconds, ideal=True, unit=settings.seed)
+        with bar(f"simulating, {name}", len(simulations)) as progress:
+            fill_folder(out / name, simulations, workers=workers, dask=dask, resume=True, progress=progress)
+
+
 def _draw(out: Path, files: Mapping[str, Path], trials: Sequence[Trial]) -> None:
     """Draw some sequences of rectangles, and some of the others."""
-    names = [name for name in files if name.startswith("rect")], [name for name in files if not name.startswith("rect")]
-    tracks = [
-        {name: (load_recording(files[name]), [each for each in trials if each.recording == name]) for name in some}
-        for some in (each[:: max(len(each) // 6, 1)][:6] for each in names)
-    ]
+    rectangles = [name for name in files if name.startswith("rect")]
+    others = [name for name in files if not name.startswith("rect")]
     network, _ = _models(out)
     seen = []
-    for name in (names[0][0], names[1][0], names[1][-1]):
+    for name in (rectangles[0], others[0], others[-1]):
         images = read_images(load_recording(files[name]))
         shown = np.linspace(0, len(images.frame) - 1, 6).astype(int)
         seen.append((images.difference[shown], keypoints_of(network, images)[0][shown]))
-    figures.draw(out, seen, *tracks)
+    figures.draw(out, seen, _tracks(files, rectangles, trials), _tracks(files, others, trials))
+
+
+def _tracks(files: Mapping[str, Path], names: Sequence[str], trials: Sequence[Trial]) -> figures.Tracks:
+    """Return up to six of the sequences, evenly chosen, with their trials."""
+    chosen = names[:: max(len(names) // 6, 1)][:6]
+    tracks = {}
+    for name in chosen:
+        of_sequence = [trial for trial in trials if trial.recording == name]
+        tracks[name] = (load_recording(files[name]), of_sequence)
+    return tracks
 
 
 def _learn(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str | None) -> None:
@@ -143,26 +161,31 @@ def _learn(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str
         for name, images in spread(_read, files, workers, dask):
             parts[name] = images
             progress(len(parts))
-    # A quarter validates, of each object: every fourth recording, which takes turns with its kinds of contact.
-    of_object = {name: [parts[each] for each in sorted(parts) if each.startswith(name)] for name in SHAPES}
-    for_training = {name: joined([p for k, p in enumerate(each) if k % 4 != 3]) for name, each in of_object.items()}
-    validation = {name: joined([p for k, p in enumerate(each) if k % 4 == 3]) for name, each in of_object.items()}
+    for_training: dict[str, Images] = {}
+    validation: dict[str, Images] = {}
+    for name in SHAPES:
+        # Every fourth recording of an object validates; its kinds of contact take turns.
+        of_object = [parts[recording] for recording in sorted(parts) if recording.startswith(name)]
+        for_training[name] = joined([images for k, images in enumerate(of_object) if k % 4 != 3])
+        validation[name] = joined(of_object[3::4])
     for split in (for_training, validation):
         split["combined"] = joined([split[name] for name in SHAPES])
     fit_settings = FitSettings(steps=settings.steps, check=max(settings.steps // 10, 1))
     with bar("key points", settings.steps) as progress:
-        everything = for_training["combined"], validation["combined"]
-        network = learn_keypoints(*everything, fit_settings, settings.seed, out, progress)
+        network = learn_keypoints(
+            for_training["combined"], validation["combined"], fit_settings, settings.seed, out, progress
+        )
     losses: dict[str, dict[str, float]] = {}
     with bar("transform networks", 4) as progress:
         weights = np.empty(0)
         for done, name in enumerate((*SHAPES, "combined"), 1):
-            trained = _pairs(network, for_training[name], settings.pairs, settings.seed)
-            checked = _pairs(network, validation[name], settings.pairs, settings.seed + 1)
-            for model, (features, predict) in fit_all(trained[0], trained[1], trained[2], settings.seed).items():
-                pairs = checked[0] if features == "engineered" else checked[1]
-                losses.setdefault(model, {})[name] = validation_loss(predict, pairs, checked[2])
-            weights = fit_linear(trained[1], trained[2])  # the last are of all objects
+            engineered, learnt, sine = _pairs(network, for_training[name], settings.pairs, settings.seed)
+            models = fit_all(engineered, learnt, sine, settings.seed)
+            weights = fit_linear(learnt, sine)  # the last are of all objects
+            engineered, learnt, sine = _pairs(network, validation[name], settings.pairs, settings.seed + 1)
+            for model, (features, predict) in models.items():
+                pairs = engineered if features == "engineered" else learnt
+                losses.setdefault(model, {})[name] = validation_loss(predict, pairs, sine)
             progress(done)
     deviations = _tactile_sigmas(network, weights, validation["combined"])
     with whole_file(out / "model.pt", overwrite=True) as part:
@@ -180,8 +203,9 @@ def _pairs(network: KeypointNetwork, images: Images, count: int, seed: int) -> t
     earlier, later = draw_pairs(images, count, np.random.default_rng(seed))
     points, classes = keypoints_of(network, images)
     class_vector = 0.5 * (classes[earlier] + classes[later])
-    found = ~np.isnan(images.ellipse)
-    ellipse = np.where(found, images.ellipse, np.mean(images.ellipse, axis=0, where=found) if found.any() else 0.0)
+    has_patch = ~np.isnan(images.ellipse)
+    usual = np.mean(images.ellipse, axis=0, where=has_patch) if has_patch.any() else 0.0
+    ellipse = np.where(has_patch, images.ellipse, usual)
     sine = np.sin(turn_between(images, earlier, later))
     return (ellipse[earlier], ellipse[later], class_vector), (points[earlier], points[later], class_vector), sine
 
@@ -193,8 +217,12 @@ def _turns(network: KeypointNetwork, weights: Array, images: Images) -> tuple[In
     earlier, later = np.array(pairs, int).reshape(-1, 2).T
     points, classes = keypoints_of(network, images)
     sine = expanded((points[earlier], points[later], 0.5 * (classes[earlier] + classes[later]))) @ weights
-    turns = np.zeros(len(pairs)), np.arcsin(np.clip(sine, -1.0, 1.0)), turn_between(images, earlier, later)
-    return earlier, later, dict(zip(TACTILE, turns, strict=True))
+    turns = {
+        "const": np.zeros(len(pairs)),
+        "learnt": np.arcsin(np.clip(sine, -1.0, 1.0)),
+        "oracle": turn_between(images, earlier, later),
+    }
+    return earlier, later, turns
 
 
 def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) -> dict[str, float]:
@@ -205,15 +233,16 @@ def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) ->
     earlier, later, turns = _turns(network, weights, images)
     first = np.searchsorted(images.episode, images.episode)[later]
     episode = images.episode[later]
-    found = {"oracle": 1e-3}
+    sigmas = {"oracle": 1e-3}
     for mode in ("const", "learnt"):
         error = turns[mode] - turns["oracle"]
-        each = [
-            tactile_error((earlier - first)[k], (later - first)[k], error[k])
-            for k in (episode == number for number in np.unique(episode))
-        ]
-        found[mode] = float(1.4826 * np.median(np.abs(each)))  # of a Gaussian; most contacts stick, as in training
-    return found
+        ratios = []
+        for number in np.unique(episode):
+            k = episode == number
+            ratios.append(tactile_error((earlier - first)[k], (later - first)[k], error[k]))
+        # The median of the absolute ratios of a Gaussian is 1 / 1.4826; most contacts stick, as in training.
+        sigmas[mode] = float(1.4826 * np.median(np.abs(ratios)))
+    return sigmas
 
 
 def _models(out: Path) -> tuple[KeypointNetwork, Array]:
@@ -229,12 +258,14 @@ def _felt(path: Path, out: Path) -> dict[str, dict[int, list[tuple[int, float]]]
     """Return the tactile measurements of a sequence by mode and frame: turns [rad] since so many frames ago."""
     torch.set_num_threads(1)
     images = read_images(load_recording(path))
-    earlier, later, found = _turns(*_models(out), images)
-    turns: dict[str, dict[int, list[tuple[int, float]]]] = {mode: {} for mode in TACTILE}
-    for mode, turn in found.items():
+    earlier, later, turns = _turns(*_models(out), images)
+    by_mode: dict[str, dict[int, list[tuple[int, float]]]] = {}
+    for mode, turn in turns.items():
+        by_frame: dict[int, list[tuple[int, float]]] = {}
         for i, k, angle in zip(earlier.tolist(), later.tolist(), turn.tolist(), strict=True):
-            turns[mode].setdefault(int(images.frame[k]), []).append((k - i, angle))
-    return turns
+            by_frame.setdefault(int(images.frame[k]), []).append((k - i, angle))
+        by_mode[mode] = by_frame
+    return by_mode
 
 
 def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
@@ -247,9 +278,9 @@ def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
     episode = episode_numbers(np.asarray(recording.contact))
     model = contact_model(recording.shape, recording.sensor)
     turns = {} if mode == "none" else _felt(path, out)[mode]
-    pose, covariance, took = track_episodes(model, recording.sensor_pose, episode, turns, truth[0], sigma)
-    said = ("tracking",) * len(recording), ("",) * len(recording)
-    online = Trajectory(recording.time, pose, covariance, episode >= 0, *said)
-    summary = summarise(online, truth, took, yaw_shows=not isinstance(recording.shape, Disc))
-    first = truth[0], np.array(CAPTURE)
-    return Run(recording, settings.tracker, None, None, *first, online, (), took, summary)
+    pose, covariance, step_ms = track_episodes(model, recording.sensor_pose, episode, turns, truth[0], sigma)
+    status = ("tracking",) * len(recording)
+    reason = ("",) * len(recording)
+    online = Trajectory(recording.time, pose, covariance, episode >= 0, status, reason)
+    summary = summarise(online, truth, step_ms, yaw_shows=not isinstance(recording.shape, Disc))
+    return Run(recording, settings.tracker, None, None, truth[0], np.array(CAPTURE), online, (), step_ms, summary)

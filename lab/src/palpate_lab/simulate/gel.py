@@ -157,9 +157,8 @@ def shading(unit: SensorUnit, height: Image) -> Image:
 
     rest_right, rest_up, rest_lit, strength, response = _rest(unit)
     scale = 1.0 / (8.0 * unit.pitch)
-    right, up = (
-        np.asarray(cv2.Sobel(height, cv2.CV_32F, *by, ksize=3, scale=scale), np.float32) for by in ((1, 0), (0, 1))
-    )
+    right = np.asarray(cv2.Sobel(height, cv2.CV_32F, 1, 0, ksize=3, scale=scale), np.float32)
+    up = np.asarray(cv2.Sobel(height, cv2.CV_32F, 0, 1, ksize=3, scale=scale), np.float32)
     light = unit.light.astype(np.float32)
     lit = _lit(right, up, rest_right, rest_up, rest_lit, light, strength, _shadows(unit, height))
     difference = np.asarray(cv2.transform(lit, unit.colour.T.astype(np.float32)), np.float32)
@@ -269,22 +268,28 @@ def _marker_transmission(
     """
     import cv2
 
-    dots = markers.dots
-    if height is not None:
-        smooth = cv2.GaussianBlur(height, (0, 0), 4e-4 / pitch)  # [m] over which the skin moves as one
-        slope = [cv2.Sobel(smooth, cv2.CV_32F, *by, ksize=3, scale=0.125 / pitch) for by in ((1, 0), (0, 1))]
-        held = smooth / max(float(smooth.max()), 1e-6)
-        apart = 4e-4  # [m] by which a slope of 1 moves a marker outwards
-        motion = [shift * held - apart * slope[0], -apart * slope[1]]
-        column, row = np.ascontiguousarray(dots.T)
-        moved = [cv2.remap(each, column, row, cv2.INTER_LINEAR)[:, 0] / pitch for each in motion]
-        dots = dots + np.stack(moved, axis=-1)
+    dots = markers.dots if height is None else _moved_dots(markers.dots, pitch, height, shift)
     dark = np.zeros(shape[:2], np.uint8)
     bits = 4  # of a position below a pixel, as OpenCV draws it
     for column, row in np.rint(dots * 2**bits).astype(int).tolist():
         cv2.circle(dark, (column, row), round(markers.radius * 2**bits), 255, cv2.FILLED, cv2.LINE_AA, bits)
     soft = cv2.GaussianBlur(dark, (0, 0), 0.6).astype(np.float32)  # [px] soft border of a marker
     return 1.0 - np.float32(markers.dark / 255.0) * soft[..., None]
+
+
+def _moved_dots(dots: Image, pitch: float, height: Image, shift: float) -> Image:
+    """Return the markers' places (M, 2), column and row, on a skin pressed in by height [m] and shifted [m] to +y."""
+    import cv2
+
+    smooth = np.asarray(cv2.GaussianBlur(height, (0, 0), 4e-4 / pitch), np.float32)  # [m] the skin moves as one
+    slope_right = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3, scale=0.125 / pitch), np.float32)
+    slope_down = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3, scale=0.125 / pitch), np.float32)
+    held = smooth / max(float(smooth.max()), 1e-6)
+    outwards = 4e-4  # [m] by which a slope of 1 moves a marker
+    column, row = np.ascontiguousarray(dots.T)
+    right = cv2.remap(shift * held - outwards * slope_right, column, row, cv2.INTER_LINEAR)[:, 0]
+    down = cv2.remap(-outwards * slope_down, column, row, cv2.INTER_LINEAR)[:, 0]
+    return dots + np.asarray(np.stack([right, down], axis=-1) / pitch, np.float32)
 
 
 def _nearest(unit: SensorUnit, shape: Shape, object_T_sensor: Array) -> float:
@@ -313,7 +318,7 @@ def _sections(unit: SensorUnit, side: Side) -> tuple[Array, Image, Image, Image]
     """
     y, z = unit.place
     off = z - np.float32(0.5 * (side.below + side.above))
-    beside = y - np.float32(math.tan(side.roll)) * off  # of a side that leans, the place that is at this pixel
+    beside = y - np.float32(math.tan(side.roll)) * off  # the place along a leaning side that a pixel shows
     back = unit.sag_along(z) + np.float32(math.tan(side.tilt)) * z + np.float32(0.5 * side.bulge) * off * off
     back = back - back[(z > side.below) & (z < side.above)].min() + unit.sag(y) - unit.sag(beside)
     column_step = 0.5 * unit.pitch  # [m]

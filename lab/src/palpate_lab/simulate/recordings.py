@@ -66,7 +66,8 @@ class Simulation:
 
     def __post_init__(self) -> None:
         check_not_negative(seed=self.seed, unit=self.unit)
-        if not 0.05 <= (extent := self.shape.extent) <= 0.5:  # larger than a gel, and passed in a few seconds
+        extent = self.shape.extent
+        if not 0.05 <= extent <= 0.5:  # larger than a gel, and passed in a few seconds
             raise SettingError(f"the outline is {extent:g} m wide; simulation allows 0.05 to 0.5 m")
         if not 3.0 <= self.seconds <= 600.0:
             raise SettingError(f"seconds is {self.seconds:g}; allowed is 3 to 600 s")
@@ -166,14 +167,15 @@ def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any)
         raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
     check_not_negative(seed=seed)
     required("simulation", "sim", "mujoco")
-    found: dict[str, Simulation] = {}
+    simulations: dict[str, Simulation] = {}
     for number in range(seed * COUNT, seed * COUNT + count):
         for name, shape in shapes.items():
             places = kinds(shape)
             kind = places[number % COUNT % len(places)]
             _, *place = kind.split("-", 1)
-            found[f"{'-'.join([name, *place])}-{number:06d}{SUFFIX}"] = Simulation(shape, kind, number, **options)
-    return found
+            file = f"{'-'.join([name, *place])}-{number:06d}{SUFFIX}"
+            simulations[file] = Simulation(shape, kind, number, **options)
+    return simulations
 
 
 def fill_folder(
@@ -226,9 +228,9 @@ def _is_whole(path: Path, wanted: str) -> bool:
             pass
     except CutShort:  # by a broken copy or a failed disk
         return False
-    found = front_matter(path)[0].get(METADATA, {}).get("source", "")
-    if found != wanted:
-        raise SettingError(f"{path}: was made with other options ({found!r}, now {wanted!r}); take another folder")
+    source = front_matter(path)[0].get(METADATA, {}).get("source", "")
+    if source != wanted:
+        raise SettingError(f"{path}: was made with other options ({source!r}, now {wanted!r}); take another folder")
     return True
 
 

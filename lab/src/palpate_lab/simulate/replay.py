@@ -164,19 +164,23 @@ def real_motion(recording: Recording) -> tuple[Recording, Flags]:
         raise SettingError(f"{name}: the object's pose is unknown in all of its contacts")
     rest = 0.6  # [s], a little more than the detector of contact needs to see the gel
     if contact[time - time[0] < rest].any():
-        # The sensor comes straight to the object from 1 cm away.
         rate = recording.sensor.rate
         count = int(np.ceil(rest * rate - 1e-9))
-        off = 0.01 * (1.0 - np.append(0.0, minimum_jerk(count)[:-1]))
-        normal = _touched(recording.shape, recording.sensor, se2.between(object_pose[:1], sensor_pose[:1])).normal
-        away = se2.transform(np.append([0.0, 0.0], object_pose[0, 2]), normal)
-        coming = sensor_pose[0] + np.column_stack((off[:, None] * away, np.zeros(count)))
+        approach = _approach(recording.shape, recording.sensor, sensor_pose[0], object_pose[0], count)
         time = np.concatenate((time[0] + np.arange(-count, 0) / rate, time))
-        sensor_pose = np.concatenate((coming, sensor_pose))
+        sensor_pose = np.concatenate((approach, sensor_pose))
         object_pose = np.concatenate((np.repeat(object_pose[:1], count, axis=0), object_pose))
         known = np.concatenate((np.repeat(known[:1], count), known))
         contact = np.concatenate((np.zeros(count, np.bool_), contact))
     return Recording(time - time[0], sensor_pose, recording.shape, recording.sensor, object_pose, contact), known
+
+
+def _approach(shape: Shape, sensor: SensorProfile, sensor_pose: Array, object_pose: Array, frames: int) -> Array:
+    """Return a straight path (frames, 3) of the sensor from 1 cm off the object to its pose at the first contact."""
+    distance = 0.01 * (1.0 - np.append(0.0, minimum_jerk(frames)[:-1]))
+    normal = _touched(shape, sensor, se2.between(object_pose[None], sensor_pose[None])).normal
+    away = se2.transform(np.append([0.0, 0.0], object_pose[2]), normal)
+    return sensor_pose + np.column_stack((distance[:, None] * away, np.zeros(frames)))
 
 
 def _touched(shape: Shape, sensor: SensorProfile, object_T_sensor: Array) -> Touched:
@@ -211,7 +215,8 @@ def sliding(motion: Recording, touched: Touched) -> Array:
     speed = np.append(0.0, ((se2.transform(step, point) - point) * along).sum(axis=1) / np.diff(motion.time))
     slip = np.zeros(len(speed))
     for first, last in flag_runs(motion.contact):
-        if len(within := speed[first + 1 : last + 1]):
+        within = speed[first + 1 : last + 1]
+        if len(within):
             slip[first + 1 : last + 1] = uniform_filter1d(within, 7, mode="nearest")  # motion capture is noisy
             slip[first] = slip[first + 1]
     return slip
@@ -222,20 +227,20 @@ def _bridged(recording: Recording) -> Array:
     assert recording.object_pose is not None and recording.contact is not None
     time = recording.time
     pose = recording.object_pose.copy()
-    n = len(recording)
+    count = len(recording)
     longest = 1.6 if len(recording.sensor.tips) > 1 else 0.12  # [s] from known pose to known pose
     for first, last in flag_runs(~recording.contact):
         # An untouched object rests, from its pose after the last contact to that before the next.
-        stretch = np.arange(max(first - 1, 0), min(last + 2, n))
+        stretch = np.arange(max(first - 1, 0), min(last + 2, count))
         known = stretch[~np.isnan(pose[stretch, 0])]
         if len(known):
             pose[stretch] = pose[known[np.abs(stretch[:, None] - known).argmin(axis=1)]]
     for first, last in flag_runs(np.isnan(pose[:, 0])):
-        if first == 0 or last == n - 1:
+        if first == 0 or last == count - 1:
             continue
         end = last + 1
         before = first - 1
-        seconds = time[end] - time[first - 1]
+        seconds = time[end] - time[before]
         if seconds > longest:
             raise SettingError(
                 f"{recording.file or 'the recording'}: frames {first} to {end - 1}, in contact, have no known object "

@@ -43,7 +43,9 @@ class Motion:
 
 def concatenated(motions: list[Motion]) -> Motion:
     """Return motions, one after the other, as one."""
-    joined = {each.name: np.concatenate([getattr(motion, each.name) for motion in motions]) for each in fields(Motion)}
+    joined = {}
+    for field in fields(Motion):
+        joined[field.name] = np.concatenate([getattr(motion, field.name) for motion in motions])
     joined["sensor_pose"][:, 2] = se2.wrap(joined["sensor_pose"][:, 2])
     return Motion(**joined)
 

@@ -59,10 +59,10 @@ def errors_over_time(trials: Sequence[Trial]) -> "Figure":
     first contact and end where fewer than half of the sequences go on.
     """
     figure, panels = _grid(trials, len(OVER_TIME), sharey="row")
-    for some, axes in panels:
+    for of_group, axes in panels:
         for axis, (label, quantity) in zip(axes, OVER_TIME.items(), strict=True):
             axis.set(xlabel="time since the start [s]", ylabel=label, yscale="log")
-            for method, of_method in _by_method(some):
+            for method, of_method in _by_method(of_group):
                 time, (low, middle, high) = _quartiles(of_method, quantity)
                 axis.fill_between(time, low, high, color=COLOURS[method], alpha=0.12, lw=0)
                 axis.plot(time, middle, color=COLOURS[method], lw=1.6, label=method)
@@ -72,10 +72,12 @@ def errors_over_time(trials: Sequence[Trial]) -> "Figure":
 def final_errors(trials: Sequence[Trial]) -> "Figure":
     """Draw errors at the last frame with ground truth as boxes, with whiskers to 5 and 95 %; the paper's figure 7."""
     figure, panels = _grid(trials, 2, sharex="row", sharey="row")
-    for some, axes in panels:
+    for of_group, axes in panels:
         for axis, (name, least) in zip(axes, (("final_mm", 0.1), ("final_deg", 0.05)), strict=True):
-            by_method = dict(_by_method(some))
-            errors = [np.maximum([trial.summary[FINALS[name]] for trial in each], least) for each in by_method.values()]
+            by_method = dict(_by_method(of_group))
+            errors = []
+            for of_method in by_method.values():
+                errors.append(np.maximum([trial.summary[FINALS[name]] for trial in of_method], least))
             boxes = axis.boxplot(errors, whis=(5.0, 95.0), orientation="horizontal", widths=0.6, patch_artist=True)
             for method, box, line in zip(by_method, boxes["boxes"], boxes["medians"], strict=True):
                 box.set(facecolor=f"{COLOURS[method]}38", edgecolor=COLOURS[method])
@@ -100,9 +102,9 @@ def _grid(trials: Sequence[Trial], rows: int, **share: Any) -> tuple["Figure", P
     grid = figure.subplots(down, across, squeeze=False, **share)
     columns = grid.reshape(-1, rows, across).swapaxes(1, 2).reshape(-1, rows)
     for name, axes in zip(names, columns, strict=False):
-        some = [trial for trial in trials if name in (ALL, trial.group)]
-        axes[0].set_title(f"{name} ({len({trial.recording for trial in some})})")
-        panels.append((some, list(axes)))
+        of_group = [trial for trial in trials if name in (ALL, trial.group)]
+        axes[0].set_title(f"{name} ({len({trial.recording for trial in of_group})})")
+        panels.append((of_group, list(axes)))
     for axis in columns[len(names) :].flat:
         axis.remove()
     return figure, panels
@@ -122,11 +124,11 @@ def _quartiles(trials: Sequence[Trial], quantity: Callable[[Trial], Array]) -> t
     instants = np.linspace(0.0, max(trial.time[-1] - trial.time[0] for trial in trials), 150)
     rows = []
     for trial in trials:
-        since = trial.time - trial.time[0]
-        frame = np.searchsorted(since, instants).clip(0, len(since) - 1)
-        is_there = (instants <= since[-1]) & (frame >= np.argmax(trial.contact))
+        time = trial.time - trial.time[0]
+        frame = np.searchsorted(time, instants).clip(0, len(time) - 1)
+        is_there = (instants <= time[-1]) & (frame >= np.argmax(trial.contact))
         rows.append(np.where(is_there, quantity(trial)[frame], np.nan))
     enough = np.isfinite(rows).mean(axis=0) >= 0.5
-    found = np.full((3, len(instants)), np.nan)
-    found[:, enough] = np.nanpercentile(np.array(rows)[:, enough], (25.0, 50.0, 75.0), axis=0)
-    return instants, found
+    quartiles = np.full((3, len(instants)), np.nan)
+    quartiles[:, enough] = np.nanpercentile(np.array(rows)[:, enough], (25.0, 50.0, 75.0), axis=0)
+    return instants, quartiles

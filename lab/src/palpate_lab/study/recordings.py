@@ -14,7 +14,7 @@ def find_recordings(folder: Path, leave_out: Path | None = None) -> dict[str, Pa
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder of recordings")
-    found = {
+    recordings = {
         path.relative_to(folder).as_posix(): path
         for path in sorted(folder.rglob("*"))
         if path.is_file()
@@ -22,9 +22,9 @@ def find_recordings(folder: Path, leave_out: Path | None = None) -> dict[str, Pa
         and not (leave_out and path.resolve().is_relative_to(leave_out.resolve()))
         and _is_recording(path)
     }
-    if not found:
+    if not recordings:
         raise FileError(f"{folder}: holds no recordings, nor do its subfolders; palpate info names the formats")
-    return found
+    return recordings
 
 
 def group_of(name: str) -> str:

@@ -71,17 +71,18 @@ def table(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, dict[str
     and of all sequences ambiguous: share of the frames in contact with that status, and step_ms: {p50, p95, p99},
     medians over sequences. Unknown values are None.
     """
-    found: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, Any]] = {}
     for group in [*sorted({trial.group for trial in trials}), ALL] if trials else []:
         of_group = [trial for trial in trials if group in (trial.group, ALL)]
         by_method = {method: [trial for trial in of_group if trial.method == method] for method in methods}
-        found[group] = {method: _row(some) for method, some in by_method.items() if some}
-    return found
+        rows[group] = {method: _row(of_method) for method, of_method in by_method.items() if of_method}
+    return rows
 
 
 def is_lost(trial: Trial) -> bool:
     """Return true if the final error is above 50 mm or 30 degrees; the yaw of a disc does not count."""
-    mm, deg = (trial.summary[key] for key in FINALS.values())
+    mm = trial.summary[FINALS["final_mm"]]
+    deg = trial.summary[FINALS["final_deg"]]
     return mm is not None and (mm > 50.0 or (deg > 30.0 and trial.summary.get("yaw_shows", True)))
 
 
@@ -110,22 +111,25 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
 
 def _row(trials: Sequence[Trial]) -> dict[str, Any]:
     scored = [trial for trial in trials if trial.summary["scored_frames"]]
-    since = [since_contact(trial.contact, trial.nees) for trial in trials]
-    each = [(trial.nees[there], trial.contact[there]) for trial, there in zip(trials, since, strict=True)]
-    nees, contact = (np.concatenate(some) for some in zip(*each, strict=True))
+    counted = [since_contact(trial.contact, trial.nees) for trial in trials]
+    nees_of_trials = [trial.nees[frames] for trial, frames in zip(trials, counted, strict=True)]
+    contact_of_trials = [trial.contact[frames] for trial, frames in zip(trials, counted, strict=True)]
+    nees = np.concatenate(nees_of_trials)
+    contact = np.concatenate(contact_of_trials)
     inside = inside_95(nees)
-    final = [inside_95(one)[-1] for one, _ in each if len(one)]
+    final = [inside_95(of_trial)[-1] for of_trial in nees_of_trials if len(of_trial)]
 
     def known(key: str) -> list[float]:
-        return [value for trial in scored if (value := trial.summary.get(key)) is not None]
+        values = [trial.summary.get(key) for trial in scored]
+        return [value for value in values if value is not None]
 
     def mean_of_frames(key: str, frames: Sequence[Any]) -> float | None:
         """Return the mean of a score of trials that each holds for a number of frames."""
         values = [trial.summary.get(key) for trial in trials]
-        some = [(value, n) for value, n in zip(values, frames, strict=True) if n and value is not None]
-        return sum(value * n for value, n in some) / sum(n for _, n in some) if some else None
+        weighted = [(value, n) for value, n in zip(values, frames, strict=True) if n and value is not None]
+        return sum(value * n for value, n in weighted) / sum(n for _, n in weighted) if weighted else None
 
-    nats = mean_of_frames("nats", [np.count_nonzero(touched) for _, touched in each])
+    nats = mean_of_frames("nats", [np.count_nonzero(touched) for touched in contact_of_trials])
     return {
         "sequences": len(scored),
         **{name: {"median": _of(median, known(key)), "worst": _of(max, known(key))} for name, key in FINALS.items()},

@@ -148,10 +148,11 @@ def run_study(
         _check_folder(out, settings, resume)
         jobs: list[tuple[Key, Path]] = []
         for (name, path), method in product(files.items(), settings.methods):
-            if trial := _kept_trial(_trial_file(out, name, method), path):
-                outcomes[name, method] = trial
-            else:
+            kept = _kept_trial(_trial_file(out, name, method), path)
+            if kept is None:
                 jobs.append(((name, method), path.resolve()))
+            else:
+                outcomes[name, method] = kept
         study.kept = len(outcomes)
         warm_up()  # before there are workers, so that none has to
         with closing(spread(partial(_track, settings=settings, track_by=track_by), jobs, workers, dask)) as results:
@@ -165,8 +166,10 @@ def run_study(
         outcome = outcomes[key]
         if isinstance(outcome, Trial):
             study.trials.append(outcome)
+        elif outcome.is_skipped:
+            study.skipped[key] = outcome.reason
         else:
-            (study.skipped if outcome.is_skipped else study.failed)[key] = outcome.reason
+            study.failed[key] = outcome.reason
     study.wall_s = time.perf_counter() - begin
     return study
 
@@ -198,7 +201,7 @@ def _check_folder(out: Path, settings: StudySettings, resume: bool) -> None:
     """Write the settings to an empty folder, or check that those in it are the same."""
     path = out / "study.json"
     now = json.loads(json.dumps(described(settings)))
-    if not any(not each.name.startswith(".") for each in out.iterdir()):
+    if all(file.name.startswith(".") for file in out.iterdir()):
         write_json(path, {**FORMAT, "made_with": now})
         return
     if not resume:

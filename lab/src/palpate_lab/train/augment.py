@@ -86,11 +86,12 @@ def draw_groups(samples: Samples, count: int, size: int, rng: np.random.Generato
     starts = np.flatnonzero(np.diff(samples.episode, prepend=-1))
     ends = np.append(starts[1:], len(samples)) - 1
     contact = np.searchsorted(starts, np.arange(len(samples)), side="right") - 1  # of each sample
-    kinds, kind, each = np.unique(samples.kind, return_inverse=True, return_counts=True)
+    kinds, kind, counts = np.unique(samples.kind, return_inverse=True, return_counts=True)
     share = np.where(kinds == KINDS.index("corner"), 4.0, 1.0)
     chosen = rng.choice(len(kinds), size=count, p=share / share.sum())
-    place = np.concatenate([[0], np.cumsum(each)[:-1]])[chosen]
-    middle = np.argsort(kind, kind="stable")[place + (rng.random(count) * each[chosen]).astype(int)]
+    first_of_kind = np.concatenate([[0], np.cumsum(counts)[:-1]])[chosen]
+    by_kind = np.argsort(kind, kind="stable")
+    middle = by_kind[first_of_kind + (rng.random(count) * counts[chosen]).astype(int)]
     begin = np.maximum(starts[contact[middle]], middle - rng.integers(longest + 1, size=count))
     length = np.minimum(begin + longest, ends[contact[middle]]) - begin + 1
     return begin[:, None] + (rng.random((count, size)) * length[:, None]).astype(int)
@@ -121,10 +122,12 @@ def varied_batch(
         flipped = difference[g][:, :: -1 if upturned[g] else 1, :: -1 if mirrored[g] else 1]
         channels = rng.permutation(3) if rng.random() < by.flipped else np.arange(3)
         difference[g] = moved(flipped[..., channels], int(right[g]), int(down[g]))
-    rows, columns = (np.linspace(-1.0, 1.0, count, dtype=np.float32) for count in difference.shape[2:4])
-    each = (groups * size, 1, 1, 3)
-    gain = rng.uniform(*by.gain, (*each[:3], 1)) * rng.uniform(*by.colour_gain, each)
-    tint, across, along = rng.normal(0.0, by.tint, (3, *each)).astype(np.float32)
+    rows = np.linspace(-1.0, 1.0, difference.shape[2], dtype=np.float32)
+    columns = np.linspace(-1.0, 1.0, difference.shape[3], dtype=np.float32)
+    per_image = (groups * size, 1, 1, 1)
+    per_colour = (groups * size, 1, 1, 3)
+    gain = rng.uniform(*by.gain, per_image) * rng.uniform(*by.colour_gain, per_colour)
+    tint, across, along = rng.normal(0.0, by.tint, (3, *per_colour)).astype(np.float32)
     shift = tint + across * columns[:, None] + along * rows[:, None, None]
     difference = difference.reshape(-1, *difference.shape[2:]) * gain.astype(np.float32) + shift
     shape = difference.shape[1:3]

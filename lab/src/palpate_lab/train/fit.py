@@ -62,10 +62,10 @@ def fit(
             break
         network.train()
         # Each step has its own generator, so that a continued run draws the same batches.
-        found = losses(draw(np.random.default_rng([seed, step])))
-        _check_finite(f"training of {name} at step {step}", found)
+        step_losses = losses(draw(np.random.default_rng([seed, step])))
+        _check_finite(f"training of {name} at step {step}", step_losses)
         optimiser.zero_grad()
-        torch.stack(list(found.values())).sum().backward()
+        torch.stack(list(step_losses.values())).sum().backward()
         nn.utils.clip_grad_norm_(network.parameters(), 5.0)
         optimiser.step()
         schedule.step()

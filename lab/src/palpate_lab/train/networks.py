@@ -101,8 +101,8 @@ def imprint(difference: Tensor) -> Tensor:
     grey levels) within 3 rows and 13 columns, about 2 mm of a DIGIT, count by half.
     """
     strength = difference.abs().mean(dim=1, keepdim=True)
-    reaches = ((difference.shape[2], 1), (difference.shape[3], 6))
-    above, beside = (torch.from_numpy(_near(*each)).to(difference.device) for each in reaches)
+    above = torch.from_numpy(_near(difference.shape[2], reach=1)).to(difference.device)
+    beside = torch.from_numpy(_near(difference.shape[3], reach=6)).to(difference.device)
     # Products with matrices, as ONNX Runtime takes four times as long to pool.
     strength = torch.matmul(above, strength) / above.sum(dim=1, keepdim=True)
     strength = torch.matmul(strength, beside) / beside.sum(dim=0, keepdim=True)
@@ -120,7 +120,8 @@ def keypoint(activation: Tensor) -> Tensor:
     """Return the centres (B, K, 2) of positive maps (B, K, H, W): column and row, from -1 to 1."""
     height, width = activation.shape[-2:]
     total = activation.sum(dim=(2, 3)) + 1e-6
-    across, down = (cell_centres(count).to(activation.device) for count in (width, height))
+    across = cell_centres(width).to(activation.device)
+    down = cell_centres(height).to(activation.device)
     column = (activation.sum(dim=2) * across).sum(dim=2) / total
     row = (activation.sum(dim=3) * down).sum(dim=2) / total
     return torch.stack([column, row], dim=-1)
@@ -160,9 +161,9 @@ def exported(network: TouchNetwork | Together, close: float = 1e-4) -> bytes:
         )
     assert program is not None
     file = _without_notes(program.model_proto)
-    found = session(file).run(None, {"difference": image.numpy()})
+    outputs = session(file).run(None, {"difference": image.numpy()})
     with torch.no_grad():
-        worst = max(float(np.abs(a - b.numpy()).max()) for a, b in zip(found, network(image), strict=True))
+        worst = max(float(np.abs(a - b.numpy()).max()) for a, b in zip(outputs, network(image), strict=True))
     if not worst < close:
         raise EstimationError(f"ONNX Runtime differs from torch by {worst:.2g}; {close} is allowed")
     return file
@@ -173,7 +174,7 @@ def restore(network: nn.Module, file: bytes) -> None:
     import onnx
     from onnx import numpy_helper
 
-    written = {each.name: each for each in onnx.load_from_string(file).graph.initializer}
+    written = {weights.name: weights for weights in onnx.load_from_string(file).graph.initializer}
     for name, value in network.state_dict().items():
         if name.endswith("num_batches_tracked"):
             continue

@@ -128,9 +128,9 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
     view = calibration.view if calibration else AS_IT_IS
 
     def image(index: int) -> Image:
-        found = recording[index].image
-        assert found is not None
-        return view.of(found)
+        touch_image = recording[index].image
+        assert touch_image is not None
+        return view.of(touch_image)
 
     background, is_marked = gel_at_rest(recording, image, calibration)
     mean = reduced(background.mean)
@@ -161,7 +161,8 @@ def with_contact(recording: Recording, calibration: Calibration | None = None) -
     Raises FileError if it has no images or no poses of the object.
     """
     name = recording.file or "the recording"
-    if lacks := [field for field in ("image", "object_pose") if getattr(recording, field) is None]:
+    lacks = [field for field in ("image", "object_pose") if getattr(recording, field) is None]
+    if lacks:
         raise FileError(f"{name}: has no {' and no '.join(lacks)}; learning needs them")
     if recording.contact is not None:
         return recording
@@ -180,7 +181,8 @@ def gel_at_rest(
     """Return the untouched gel of a recording, else of its unit, without markers, and true if it has markers."""
     name = recording.file or "the recording"
     known = calibration and calibration.background
-    if calibration and (wrong := mismatch(calibration, recording.sensor)):
+    wrong = mismatch(calibration, recording.sensor) if calibration else None
+    if wrong:
         raise FileError(f"{name}: {wrong}")
     assert recording.contact is not None
     untouched = np.flatnonzero(~recording.contact)
@@ -254,10 +256,11 @@ def geometry_of(recording: Recording, g: Array) -> tuple[Array, Array, Indices, 
 
 def _unwrapped(yaw: Array, episode: Indices) -> Array:
     """Return yaws (N,) [rad] without leaps at half a turn within a contact."""
-    found = yaw.copy()
-    for each in np.unique(episode):
-        found[episode == each] = np.unwrap(yaw[episode == each])
-    return found
+    unwrapped = yaw.copy()
+    for number in np.unique(episode):
+        contact = episode == number
+        unwrapped[contact] = np.unwrap(yaw[contact])
+    return unwrapped
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

@@ -35,31 +35,32 @@ def errors_of(network: TouchNetwork | Together, samples: Samples) -> Errors:
             network(batch(samples, np.arange(begin, min(begin + 256, len(samples)))))
             for begin in range(0, len(samples), 256)
         ]
-    outputs = [torch.cat(each).numpy().astype(np.float64) for each in zip(*parts, strict=True)]
-    found: dict[str, tuple[Array, Array, Indices]] = {}
+    outputs = [torch.cat(batches).numpy().astype(np.float64) for batches in zip(*parts, strict=True)]
+    errors: dict[str, tuple[Array, Array, Indices]] = {}
     for name, output in zip(network.outputs, outputs, strict=True):
         mean = output[:, 0]
         variance = np.exp(output[:, 1])
         contact = samples.episode
         if name == "direction":
-            found[name] = se2.wrap(mean - samples.direction), variance, contact
+            errors[name] = se2.wrap(mean - samples.direction), variance, contact
         elif name == "place":  # of centimetres
-            found[name] = 1e-2 * mean - samples.place, 1e-4 * variance, contact
+            errors[name] = 1e-2 * mean - samples.place, 1e-4 * variance, contact
         elif name == "turn":
-            found[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
+            errors[name] = without_offsets(mean - samples.yaw, variance, contact), variance, contact
         else:
             error = mean + output[:, 2] * (samples.cone - HALF_RIGHT_ANGLE) - samples.corner
-            at = np.isfinite(samples.corner) & (output[:, 3] > LEAST_CORNER_LOG_ODDS)
-            found[name] = without_offsets(error[at], variance[at], contact[at]), variance[at], contact[at]
-    return found
+            is_corner = np.isfinite(samples.corner) & (output[:, 3] > LEAST_CORNER_LOG_ODDS)
+            error = without_offsets(error[is_corner], variance[is_corner], contact[is_corner])
+            errors[name] = error, variance[is_corner], contact[is_corner]
+    return errors
 
 
 def without_offsets(error: Array, variance: Array, contact: Indices) -> Array:
     """Return errors (N,) [rad] less the weighted mean of their contact, which is an unknown offset."""
     error = error.copy()
     weight = 1.0 / variance
-    for each in np.unique(contact):
-        chosen = contact == each
+    for number in np.unique(contact):
+        chosen = contact == number
         error[chosen] = np.unwrap(error[chosen])
         error[chosen] -= np.average(error[chosen], weights=weight[chosen])
     return error
@@ -94,8 +95,11 @@ def measure_spread(errors: Errors) -> dict[str, Spread]:
 
     No variance is reduced: training images vary more than simulated ones do, and real ones vary as much.
     """
-    found = {name: spread_of(*each) if len(each[0]) else Spread(1.0, 1.0) for name, each in errors.items()}
-    return {name: replace(spread, scale=max(spread.scale, 1.0)) for name, spread in found.items()}
+    spreads = {}
+    for name, (error, variance, contact) in errors.items():
+        spread = spread_of(error, variance, contact) if len(error) else Spread(1.0, 1.0)
+        spreads[name] = replace(spread, scale=max(spread.scale, 1.0))
+    return spreads
 
 
 def coverage(error: Array, variance: Array) -> dict[float, float]:
@@ -106,15 +110,15 @@ def coverage(error: Array, variance: Array) -> dict[float, float]:
 
 def judge(errors: Errors, spread: Mapping[str, Spread]) -> dict[str, Any]:
     """Return accuracy and calibration of each output, as plain data; places in millimetres, angles in degrees."""
-    found = {}
+    scores = {}
     for name, (error, variance, _) in errors.items():
         if not len(error):
             continue
         scaled = variance * spread[name].scale
         unit, per_unit = ("mm", 1e-3) if name == "place" else ("deg", np.radians(1.0))
-        found[name] = {
+        scores[name] = {
             "coverage": {f"{share:g}": part for share, part in coverage(error, scaled).items()},
             f"rms_{unit}": float(np.sqrt(np.mean(error**2)) / per_unit),
             f"median_{unit}": float(np.median(np.abs(error)) / per_unit),
         }
-    return found
+    return scores

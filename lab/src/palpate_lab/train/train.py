@@ -37,17 +37,17 @@ class TrainSettings:
     """Settings of a training."""
 
     seed: int = 0
-    """Of weights, batches and the choice of held-out recordings."""
+    """Seed of weights, batches and the choice of held-out recordings."""
     touch: FitSettings = FitSettings(steps=8000, patience=80)
     """Descent of a new model, not stopped early: corners are learnt after all else."""
     fine: FitSettings = FitSettings(steps=300, rate=5e-4, check=25, patience=4)
-    """The same of an existing model, for another sensor unit."""
+    """Descent of an existing model, for another sensor unit."""
     presses: FitSettings = FitSettings(steps=600, check=600)
-    """Descent of each network of a model from presses, kept as it ends: few presses tell not when to stop."""
+    """Descent of each network of a model from presses, kept as it ends: few presses do not show when to stop."""
     networks: int = 4
     """Networks of a model from presses, of which it takes the mean."""
     steps: int | None = None
-    """Most steps of any of them; None leaves them as they are."""
+    """Most steps of a descent; None keeps those above."""
     workers: int = 1
     """Processes that read recordings."""
     held_out: float = 0.1
@@ -96,7 +96,8 @@ def train(
         with bar("reading recordings", len(files) + len(test)) as progress:
             how = settings.workers, progress, calibration, orientation
             samples, sensor, failed = read_samples([*files, *test], *how)
-        if base is not None and (wrong := misfit(sensor, base)):
+        wrong = None if base is None else misfit(sensor, base)
+        if wrong:
             raise FileError(f"{start}: {wrong}")
         is_test = samples.recording >= len(files)
         if test and not is_test.any():

@@ -62,18 +62,19 @@ def align(time: Array, sensor_pose: Array, tag: TagTrack) -> Alignment:
         # The tag is within some 5 cm of the sensor's origin.
         return np.concatenate([(difference(unknowns, used) / noise).ravel(), unknowns[3:5] / 0.05])
 
-    found = least_squares(residuals, start, loss="soft_l1", x_scale=[0.1, 0.1, 0.1, 0.01, 0.01, 0.1, 0.01])
+    fit = least_squares(residuals, start, loss="soft_l1", x_scale=[0.1, 0.1, 0.1, 0.01, 0.01, 0.1, 0.01])
     # Errors of robot and video last for many pictures; a tenth of them count.
-    covariance = 10.0 * np.linalg.inv(found.jac.T @ found.jac)
+    covariance = 10.0 * np.linalg.inv(fit.jac.T @ fit.jac)
     sigma = np.sqrt(np.diag(covariance))[[0, 1, 2, 6]]
-    if (largest := sigma[:2].max()) > 1e-3:
+    largest = sigma[:2].max()
+    if largest > 1e-3:
         raise FileError(
             f"the table's place in the world is known to {largest * 1e3:.1f} mm only: the sensor turns by "
             f"{turned:.0f} degrees; {advice}"
         )
-    off = difference(found.x, used)[:, :2]
+    off = difference(fit.x, used)[:, :2]
     rms = float(np.sqrt((off**2).sum(axis=1).mean()))
-    return Alignment(found.x[:3], found.x[3:6], float(found.x[6]), sigma, rms)
+    return Alignment(fit.x[:3], fit.x[3:6], float(fit.x[6]), sigma, rms)
 
 
 def _first_guess(sensor: Array, tag: Array, delay: float) -> Array:
@@ -112,9 +113,11 @@ def _delay(time: Array, angle: Array, tag: TagTrack) -> float:
     All of the video counts; the sensor is taken to rest before and after its recording.
     """
     step = 0.01  # [s]
-    robot, video = (
-        np.diff(np.interp(np.arange(when[0], when[-1], step), when, turned))
-        for when, turned in ((time, angle), (tag.time, np.unwrap(tag.pose[:, 2])))
-    )
+
+    def turns(when: Array, turned: Array) -> Array:
+        return np.diff(np.interp(np.arange(when[0], when[-1], step), when, turned))
+
+    robot = turns(time, angle)
+    video = turns(tag.time, np.unwrap(tag.pose[:, 2]))
     agreement = 2.0 * np.correlate(robot, video, "full") - np.correlate(robot**2, np.ones(len(video)), "full")
     return float((np.argmax(agreement) - (len(video) - 1)) * step + time[0] - tag.time[0])

@@ -174,8 +174,9 @@ def _camera_pose(camera: Camera, corners: dict[int, Array]) -> tuple[Array, Arra
 
 def laid_over(points: Array, others: Array) -> Array:
     """Return the poses (..., 3) that lay points (K, 2) [m] over others (..., K, 2) [m] with the least squares."""
-    a = points @ np.array([1.0, 1j])
-    b = others @ np.array([1.0, 1j])
-    turn = ((a - a.mean()).conj() * (b - b.mean(axis=-1, keepdims=True))).sum(axis=-1)
-    middle = b.mean(axis=-1) - turn / np.abs(turn) * a.mean()
-    return np.stack([middle.real, middle.imag, np.angle(turn)], axis=-1)
+    source = points @ np.array([1.0, 1j])  # as complex numbers, which a rotation multiplies
+    target = others @ np.array([1.0, 1j])
+    centred = target - target.mean(axis=-1, keepdims=True)
+    turn = ((source - source.mean()).conj() * centred).sum(axis=-1)
+    place = target.mean(axis=-1) - turn / np.abs(turn) * source.mean()
+    return np.stack([place.real, place.imag, np.angle(turn)], axis=-1)

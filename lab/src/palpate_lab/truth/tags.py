@@ -58,15 +58,15 @@ def find_tags(image: Image) -> dict[int, Array]:
 
     A quick search finds the tags, an exact one around each of them refines the corners.
     """
-    found = {}
+    tags = {}
     for number, rough in _detected(image, exact=False).items():
         margin = 0.25 * np.ptp(rough, axis=0)
         low = np.maximum(rough.min(axis=0) - margin, 0.0).astype(int)
         high = (rough.max(axis=0) + margin).astype(int) + 1
         refined = _detected(np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]), exact=True)
         if number in refined:
-            found[number] = refined[number] + low
-    return found
+            tags[number] = refined[number] + low
+    return tags
 
 
 @cache

@@ -77,15 +77,15 @@ class Tuning:
     recordings: tuple[str, ...]
     """Recordings tuned on."""
     before: Judgement
-    """Of these, at the start."""
+    """Judgement on the recordings tuned on, at the start."""
     after: Judgement
-    """Of these, now."""
+    """Judgement on the recordings tuned on, now."""
     held_out: tuple[str, ...]
     """Recordings held out, every fourth."""
     held_out_before: Judgement | None
-    """Of these, at the start; None if there are none."""
+    """Judgement on the recordings held out, at the start; None if there are none."""
     held_out_after: Judgement | None = None
-    """Of these, at the end; None while tuning."""
+    """Judgement on the recordings held out, at the end; None while tuning."""
     left_out: dict[str, str] = field(default_factory=dict)
     """Reason why a recording cannot be used, by name."""
     evaluations: int = 1
@@ -112,27 +112,14 @@ def tune(
     if evaluations < 1:
         raise SettingError(f"evaluations is {evaluations}; it must be at least 1")
     warm_up()  # before there are workers, so that none has to, at every evaluation anew
+    best = _begun(files, settings, workers)
+    if progress:
+        progress(best)
     start = settings.tracker
-    names = parameters_of(start, settings.methods[0])
-    first = scores_of(files, settings, workers)
-    left_out = {name: why for name, why in first.items() if isinstance(why, str)}
-    used = [name for name in files if name not in left_out]
-    if not used:
-        raise FileError(f"no recording can be tuned on; the first: {next(iter(left_out.values()), 'there is none')}")
-    judging = used[3::4]
-    learning = [name for name in used if name not in judging]
-    before, other = (judge({name: first[name] for name in some}) for some in (learning, judging))
-    assert before is not None
-
-    def changes(now: TrackerSettings) -> dict[str, dict[str, float]]:
-        return {name: {"before": value_of(start, name), "after": value_of(now, name)} for name in names}
+    names = tuple(best.parameters)
 
     def judged(recordings: Sequence[str], tracker: TrackerSettings) -> Judgement | None:
         return judge(scores_of({name: files[name] for name in recordings}, replace(settings, tracker=tracker), workers))
-
-    best = Tuning(start, changes(start), tuple(learning), before, before, tuple(judging), other, left_out=left_out)
-    if progress:
-        progress(best)
 
     def objective(logarithms: Array) -> float:
         nonlocal best
@@ -140,44 +127,72 @@ def tune(
         for name, value in zip(names, np.exp(logarithms).tolist(), strict=True):
             tried = with_value(tried, name, value)
         if tried == start:
-            return -before.nats
+            return -best.before.nats
         if best.evaluations == evaluations:
             raise _Spent
-        found = judged(learning, tried)
-        assert found is not None
-        if found.nats > best.after.nats:
-            best = replace(best, settings=tried, parameters=changes(tried), after=found)
+        judgement = judged(best.recordings, tried)
+        assert judgement is not None
+        if judgement.nats > best.after.nats:
+            best = replace(best, settings=tried, parameters=_changes(names, start, tried), after=judgement)
         best = replace(best, evaluations=best.evaluations + 1)
         if progress:
             progress(best)
-        return -found.nats
+        return -judgement.nats
 
     bounds = np.log([TUNABLE[name] for name in names])
     at = np.clip(np.log([max(value_of(start, name), 1e-300) for name in names]), *bounds.T)
     radii = {"initial_tr_radius": 0.7, "final_tr_radius": 0.02}  # factors of 2 and 1.02
     with suppress(_Spent):
         minimize(objective, at, method="COBYQA", bounds=bounds, options=radii)
-    return replace(best, held_out_after=judged(judging, best.settings))
+    return replace(best, held_out_after=judged(best.held_out, best.settings))
+
+
+def _begun(files: Mapping[str, Path], settings: StudySettings, workers: int) -> Tuning:
+    """Return a tuning at its start: the recordings that can be used, a fourth of them held out, and their scores."""
+    scores = scores_of(files, settings, workers)
+    left_out = {name: reason for name, reason in scores.items() if isinstance(reason, str)}
+    used = [name for name in files if name not in left_out]
+    if not used:
+        raise FileError(f"no recording can be tuned on; the first: {next(iter(left_out.values()), 'there is none')}")
+    held_out = tuple(used[3::4])
+    recordings = tuple(name for name in used if name not in held_out)
+    before = judge({name: scores[name] for name in recordings})
+    assert before is not None
+    names = parameters_of(settings.tracker, settings.methods[0])
+    return Tuning(
+        settings=settings.tracker,
+        parameters=_changes(names, settings.tracker, settings.tracker),
+        recordings=recordings,
+        before=before,
+        after=before,
+        held_out=held_out,
+        held_out_before=judge({name: scores[name] for name in held_out}),
+        left_out=left_out,
+    )
+
+
+def _changes(names: Sequence[str], start: TrackerSettings, now: TrackerSettings) -> dict[str, dict[str, float]]:
+    return {name: {"before": value_of(start, name), "after": value_of(now, name)} for name in names}
 
 
 def scores_of(files: Mapping[str, Path], settings: StudySettings, workers: int = 1) -> Scores:
     """Track recordings by name, in so many processes; return their scores in the same order."""
-    found = dict(spread(partial(_scored, settings=settings), files.items(), workers))
-    return {name: found[name] for name in files}
+    scores = dict(spread(partial(_scored, settings=settings), files.items(), workers))
+    return {name: scores[name] for name in files}
 
 
 def judge(scores: Scores) -> Judgement | None:
     """Return the judgement on recordings that can be used; None if there are none."""
     if not scores:
         return None
-    done = [each for each in scores.values() if isinstance(each, dict)]
+    summaries = [summary for summary in scores.values() if isinstance(summary, dict)]
     kinds: dict[str, list[float]] = {}
-    for name, each in scores.items():
-        nats = max(each["nats"], WORST) if isinstance(each, dict) else WORST
+    for name, summary in scores.items():
+        nats = max(summary["nats"], WORST) if isinstance(summary, dict) else WORST
         kinds.setdefault(group_of(name), []).append(nats)
 
     def of_all(middle: Callable[[list[float]], float], key: str) -> float | None:
-        return middle([each[key] for each in done]) if done else None
+        return middle([summary[key] for summary in summaries]) if summaries else None
 
     return Judgement(
         recordings=len(scores),
@@ -185,7 +200,7 @@ def judge(scores: Scores) -> Judgement | None:
         translation_rmse_mm=of_all(median, "translation_rmse_mm"),
         rotation_rmse_deg=of_all(median, "rotation_rmse_deg"),
         inside_95=of_all(fmean, "in_95_share"),
-        given_up=len(scores) - len(done),
+        given_up=len(scores) - len(summaries),
     )
 
 
