@@ -1,23 +1,18 @@
 """The tracker: one frame in, one estimate out."""
 
 import logging
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import Array
-from palpate.checks import SPAN, TURNS
 from palpate.compiled import is_cached
-from palpate.config import ANYWHERE_SIGMA, UNLIKELY, NoiseSettings, TactileChoice, TrackerSettings
-from palpate.errors import EstimationError, SettingError
+from palpate.config import TactileChoice, TrackerSettings
+from palpate.errors import EstimationError
 from palpate.estimation.compiled_model import CompiledModel
-from palpate.geometry.shapes import Disc, Shape, check_outline
+from palpate.geometry.shapes import Disc, Shape
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.hypotheses.posterior import Posterior
 from palpate.input.checked_frame import CheckedFrame
@@ -28,11 +23,12 @@ from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import contact_model
 from palpate.status import Evidence, decide
 from palpate.touch.background import Background
-from palpate.touch.calibration import UNCORRECTED, Calibration
+from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
+from palpate.tracker_arguments import check_arguments, first_pose_of, noise_of_unit
 from palpate.types.estimate import Estimate
-from palpate.types.measurements import Frame, Measurement, finite_numbers
+from palpate.types.measurements import Frame, Measurement
 from palpate.types.sensor import POINT, SensorProfile, known_sensor
 
 logger = logging.getLogger(__name__)
@@ -84,7 +80,8 @@ class Tracker:
         self._filter = MultiHypothesisFilter(
             contact_model(shape, sensor),
             replace(settings, noise=noise),
-            *self._first,
+            self._first.pose,
+            self._first.covariance,
             may_be_mirrored=not (is_view_known or self._is_touch_given),
             compiled=graph,
         )
@@ -96,11 +93,11 @@ class Tracker:
         `pose` and `sigma` are a new first pose and its sigma, by default those it last began with.
         """
         if pose is not None or sigma is not None:
-            self._first = first_pose_of(self._first[0] if pose is None else pose, sigma, self._settings)
+            self._first = first_pose_of(self._first.pose if pose is None else pose, sigma, self._settings)
         self._touch.end_contact()
         self._gate.reset()
         self._correction.reset()
-        self._filter.begin(*self._first)
+        self._filter.begin(self._first.pose, self._first.covariance)
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.
@@ -155,7 +152,7 @@ class Tracker:
         clearance = self._filter.clearance(corrected.frame.sensor_pose) if needs_clearance else None
         checked = self._gate.check(corrected, clearance, self._touch.reads_images, self._touch.needs_colours)
         if checked.is_first:
-            self._warn_of_far_poses(checked.frame)
+            self._first.warn_if_far_from(checked.frame.sensor_pose)
         return checked
 
     def _measure(self, checked: CheckedFrame) -> Sequence[Measurement]:
@@ -179,16 +176,6 @@ class Tracker:
         estimate = posterior.estimate(checked.frame.time, verdict)
         return self._correction.at_frame_time(estimate, checked.corrected)
 
-    def _warn_of_far_poses(self, frame: Frame) -> None:
-        """Warn of a first pose far from the sensor at the first frame, and of a sensor pose in degrees."""
-        if abs(frame.sensor_pose[2]) > TURNS:
-            logger.warning("sensor pose has theta %.4g rad: are these degrees?", frame.sensor_pose[2])
-        pose, covariance = self._first
-        distance = float(np.hypot(*(frame.sensor_pose - pose)[:2]))
-        widest = float(np.sqrt(np.diagonal(covariance)[:2].max()))
-        if distance > SPAN + UNLIKELY * widest:
-            logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", distance)
-
 
 @cache
 def warm_up() -> None:
@@ -199,69 +186,3 @@ def warm_up() -> None:
     push = MultiHypothesisFilter(model, TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
     for step in range(2):
         push.step(Frame(step / 30.0, np.array([1e-4 * step - 0.05, 0.0, 0.0]), contact=True))
-
-
-def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:
-    """Raise SettingError or ShapeError unless all are of the right kind and unit; all but the first may be None."""
-    check_outline(shape)
-    for name, found, kind, maker in (
-        ("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)"),
-        ("model", model, TouchModel, "a palpate.TouchModel(folder)"),
-        ("calibration", calibration, Calibration, "a Calibration, which palpate.load_calibration reads from a file"),
-        ("touch", touch, Touch, "an object with methods measure(frame) and end_contact()"),
-    ):
-        # A class has the methods of its objects.
-        if found is not None and (isinstance(found, type) or not isinstance(found, kind)):
-            raise SettingError(f"{name} is {str(found) if isinstance(found, Path) else found!r}; it must be {maker}")
-
-
-def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> tuple[Array, Array]:
-    """Return the first pose (3,) and its covariance (3, 3), and warn of degrees and millimetres.
-
-    `sigma` are standard deviations (3,) or a covariance (3, 3). Raises SettingError on what is none.
-    """
-    first = finite_numbers(np.zeros(3) if pose is None else pose, (3,))
-    if first is None:
-        allowed = "three finite numbers x [m], y [m], theta [rad], or None"
-        raise SettingError(f"first pose is {pose!r}; it must be {allowed}")
-    if abs(first[2]) > TURNS:
-        turns = abs(first[2]) / (2.0 * np.pi)
-        logger.warning("first pose has theta %.4g rad, %.1f turns: are these degrees?", first[2], turns)
-    if sigma is None:
-        sigma = ANYWHERE_SIGMA if pose is None else settings.noise.first_pose.deviation
-    deviation = finite_numbers(sigma, (3,))
-    covariance = finite_numbers(sigma, (3, 3)) if deviation is None else np.diag(deviation * np.abs(deviation))
-    is_symmetric = covariance is not None and np.allclose(covariance, covariance.T)
-    if covariance is None or not is_symmetric or np.linalg.eigvalsh(covariance).min() <= 0.0:
-        allowed = "three numbers above 0: x [m], y [m], theta [rad], or a covariance (3, 3)"
-        raise SettingError(f"first pose sigma is {np.asarray(sigma).tolist()}; it must be {allowed}")
-    deviation = np.sqrt(np.diagonal(covariance))
-    if (deviation[:2] > ANYWHERE_SIGMA[:2]).any():
-        logger.warning("first pose sigma has %.4g and %.4g m: are these millimetres?", *deviation[:2])
-    if deviation[2] > np.pi:
-        logger.warning("first pose sigma has theta %.4g rad, any yaw at all: are these degrees?", deviation[2])
-    return first, covariance
-
-
-def noise_of_unit(
-    noise: NoiseSettings, calibration: Calibration | None, pitch_sigma: float, set_up_sigma: ArrayLike | None = None
-) -> NoiseSettings:
-    """Return the noise settings of a sensor unit: its calibration and the accuracy of its set-up replace the defaults.
-
-    `pitch_sigma` is the deviation of the pixel pitch of units without a calibration, as a share of it.
-    """
-    priors, pose = noise.priors, noise.sensor_pose
-    correction, set_up = (calibration.direction, calibration.set_up) if calibration else (UNCORRECTED, None)
-    mean, sigma = priors.direction_scale
-    priors = replace(priors, direction_scale=(mean, math.hypot(sigma, pitch_sigma)))
-    if correction.offset_sigma is not None:
-        priors = replace(priors, direction_bias=(0.0, correction.offset_sigma))
-    if correction.scale_sigma is not None:
-        priors = replace(priors, direction_scale=(0.0, correction.scale_sigma / correction.scale))
-    if set_up is not None:
-        priors = replace(priors, depth=set_up.depth, outline_scale=set_up.outline_scale)
-        # The rest of the mounting is in the depth and in the errors of directions.
-        set_up_sigma = set_up.sideways[1], set_up.sideways[1], 0.0
-    if set_up_sigma is not None:
-        pose = replace(pose, calibration=set_up_sigma)  # pyright: ignore[reportArgumentType]  checked by the settings
-    return replace(noise, priors=priors, sensor_pose=pose)

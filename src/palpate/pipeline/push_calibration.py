@@ -40,7 +40,7 @@ from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.press_calibration import LEFT_OR_RIGHT
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker import noise_of_unit
+from palpate.tracker_arguments import noise_of_unit
 from palpate.types.measurements import Measurement
 
 logger = logging.getLogger(__name__)
