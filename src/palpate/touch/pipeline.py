@@ -1,4 +1,4 @@
-"""Touch measurements: an image of a contact in, measurements out."""
+"""Touch measurements of a frame of contact, by a touch model from its image or by another source."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -15,6 +15,7 @@ from palpate.touch.cells import is_grey
 from palpate.touch.touch_model import (
     COLUMNS,
     ROWS,
+    Reading,
     TouchModel,
     difference_in_light,
     reduced,
@@ -55,17 +56,18 @@ class TouchReader:
         Raises SettingError if the model does not fit the sensor or measures no turns.
         """
         self.tactile: TactileChoice = tactile
-        """Source of the measurements; of auto, the one chosen once the untouched gel is known."""
+        """Source of the measurements; in place of auto, the source chosen once the untouched gel is known."""
         self.reason = ""
-        """Reason for that choice; empty if there was none."""
-        self._own, self._is_open = own, own is None and tactile == "auto"
+        """Reason for that choice; empty if the source was given."""
+        self._own = own
+        self._is_open = own is None and tactile == "auto"  # the source is not yet chosen
         self.needs_colours = model is None
-        """True if the touch model is one that comes with palpate: these read colours."""
+        """True if the touch model is one that comes with palpate, as those need images with colours."""
         self._correction = calibration.direction if calibration else UNCORRECTED
         self._mean: Levels | None = None  # of the untouched gel when the contact began
         self._model = model or shipped_model(sensor.name)
-        self._on_gel = angle_factor(self._model, calibrated(sensor, calibration))
-        self._factors = {name: spread.factor for name, spread in self._model.settings.spread.items()}
+        self._angle_factor = angle_factor(self._model, calibrated(sensor, calibration))
+        self._variance_factors = {name: spread.factor for name, spread in self._model.settings.spread.items()}
         self._misfit = misfit(sensor, self._model)
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
@@ -78,24 +80,34 @@ class TouchReader:
         return self.tactile == "learnt" and self._own is None
 
     def choose(self, image: Image | None, background: Background | None) -> None:
-        """Choose the source if that is open, by the untouched gel: the first images may be grey or white.
+        """Choose the source where it is auto, by the untouched gel, as the first images may be grey or white.
 
-        It is learnt if the model reads such images: of its size, of one tip, and in colours unless it is the user's.
+        The touch model is chosen if it reads such images: of its size, of one tip, and in colours, which the user's own
+        model may not need.
         """
         if not self._is_open:
             return
-        if image is None or self._misfit:
-            self.tactile, self.reason = "none", self._misfit if image is not None else "there are no images"
-        elif background is not None and self.needs_colours and is_grey(background.mean):
-            self.tactile, self.reason = "none", GREY
-        elif background is not None:
-            self.tactile, self.reason = "learnt", f"images fit the touch model of the {self._model.settings.sensor}"
+        if image is None:
+            self.tactile = "none"
+            self.reason = "there are no images"
+        elif self._misfit:
+            self.tactile = "none"
+            self.reason = self._misfit
+        elif background is None:
+            return
+        elif self.needs_colours and is_grey(background.mean):
+            self.tactile = "none"
+            self.reason = GREY
+        else:
+            self.tactile = "learnt"
+            self.reason = f"images fit the touch model of the {self._model.settings.sensor}"
             self._is_open = False
 
     def read(self, frame: Frame, background: Background | None) -> Sequence[Measurement]:
-        """Return the measurements of a frame of contact; `background` is the untouched gel as known now.
+        """Return the measurements of a frame of contact; `background` is the untouched gel at present.
 
-        During a contact the images are compared with the gel as it was known at its begin, in their own light.
+        During a contact the images are compared with the gel as it was when the contact began, in their own light.
+        Raises EstimationError if a touch model has no image to read.
         """
         if self._own is not None:
             return self._own.measure(frame)
@@ -108,20 +120,26 @@ class TouchReader:
         if self._mean is None:
             self._mean = reduced(background.mean)
         reading = self._model.read(difference_in_light(frame.image, self._mean))
-        offset, scale = self._correction.offset / self._on_gel, self._correction.scale / self._on_gel
-        found: list[Measurement] = []
-        for name in (each for each in ("direction", "place", "turn", "corner") if each in reading):
-            mean, variance, *more = reading[name]
-            variance *= self._factors[name]
-            if name == "direction":
-                found.append(ContactDirection((mean - offset) / scale, variance / scale**2))
-            elif name == "place":
-                found.append(ContactPlace(mean, variance))
-            elif name == "turn":
-                found.append(Turn(mean / scale, variance / scale**2))
-            elif more[1] > CORNER_LOGIT:
-                found.append(ContactCorner(mean, variance, more[0]))
-        return found
+        return self._measurements(reading)
+
+    def _measurements(self, reading: Reading) -> list[Measurement]:
+        """Return the measurements in a reading of the touch model, corrected by the calibration."""
+        offset = self._correction.offset / self._angle_factor
+        scale = self._correction.scale / self._angle_factor
+        variances = {name: reading[name][1] * factor for name, factor in self._variance_factors.items()}
+        measurements: list[Measurement] = []
+        if "direction" in reading:
+            angle = (reading["direction"][0] - offset) / scale
+            measurements.append(ContactDirection(angle, variances["direction"] / scale**2))
+        if "place" in reading:
+            measurements.append(ContactPlace(reading["place"][0], variances["place"]))
+        if "turn" in reading:
+            measurements.append(Turn(reading["turn"][0] / scale, variances["turn"] / scale**2))
+        if "corner" in reading:
+            angle, _, slope, logit = reading["corner"]
+            if logit > CORNER_LOGIT:
+                measurements.append(ContactCorner(angle, variances["corner"], slope))
+        return measurements
 
     def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
@@ -131,9 +149,10 @@ class TouchReader:
 
 
 def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
-    """Return the factor on angles that a model reads, since it takes an image to show the whole width of the pad.
+    """Return the factor on the angles that a model reads: the share of the pad's width that an image shows.
 
-    It is 1 for models trained on presses, which read angles as they are, and for flat pads, which show their edges.
+    The model takes every image to show the whole width. The factor is 1 for models trained on presses, which read
+    angles as they are, and for flat pads, whose edges images show.
     """
     if sensor.flat_width or (model is not None and "turn" not in model.settings.spread):
         return 1.0
@@ -142,8 +161,8 @@ def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
 
 def misfit(sensor: SensorProfile, model: TouchModel) -> str:
     """Return the reason why a model cannot read the images of a sensor, or ""."""
-    if (tips := len(sensor.tips)) > 1:
-        return f"the sensor has {tips} tips, and the touch model reads images of one"
+    if len(sensor.tips) > 1:
+        return f"the sensor has {len(sensor.tips)} tips, and the touch model reads images of one"
     made_for = model.settings
     if (sensor.image_height, sensor.image_width) != (made_for.image_height, made_for.image_width):
         return (
@@ -158,5 +177,5 @@ def _true_turn(frame: Frame) -> Sequence[Measurement]:
     if frame.object_pose is None or not np.isfinite(frame.object_pose).all():
         return ()
     yaw = se2.between(np.asarray(frame.object_pose), frame.sensor_pose)[2]
-    deviation = 1e-3  # [rad]
-    return (Turn(float(yaw), deviation**2),)
+    sigma = 1e-3  # [rad]
+    return (Turn(float(yaw), sigma**2),)
