@@ -16,7 +16,7 @@ from palpate.arrays import Array, Flags
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
-from palpate.io.from_arrays import nanoseconds, planar_recording
+from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
 from palpate.types.choices import BagChoices
@@ -220,12 +220,14 @@ def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: Sen
         *planar_recording(
             str(found.path),
             place.frame,
-            time,
+            SpatialFrames(
+                time,
+                of_gel(place.placed(choices.clock, time)),
+                truth and truth.placed(choices.clock, time),
+                None if seen is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
+                flags,
+            ),
             choices,
-            of_gel(place.placed(choices.clock, time)),
-            truth and truth.placed(choices.clock, time),
-            None if seen is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
-            flags,
             sensor,
             shape=shape,
             source=f"bag {found.path.name}: {', '.join([topic, place.name, *([truth.name] if truth else [])])}",
