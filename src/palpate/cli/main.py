@@ -16,7 +16,7 @@ from typing import Any
 import tyro
 
 from palpate import __version__
-from palpate.cli.console import complain
+from palpate.cli.console import Report, complain
 from palpate.cli.recordings import calibrate, convert, info
 from palpate.cli.track import demo, live, track, warm_up
 from palpate.errors import PalpateError, SettingError, printable
@@ -32,11 +32,11 @@ FOR_ALL = "With --json it prints one JSON object; with --debug, an error shows i
 def commands() -> dict[str, Any]:
     """Return all commands by name, in the order of the help."""
     lab = import_module("palpate.lab.commands")
-    found = (
+    functions = (
         *(demo, info, track, live, convert, lab.simulate, calibrate, lab.train, lab.paper, lab.evaluate, lab.tune),
         *(lab.truth_print, lab.truth_camera, lab.truth, warm_up),
     )
-    return {command.__name__.replace("_", "-"): command for command in found}
+    return {command.__name__.replace("_", "-"): command for command in functions}
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -44,49 +44,27 @@ def main(args: Sequence[str] | None = None) -> int:
 
     Raises SystemExit(2) on bad usage.
     """
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by the shell
-            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+    _open_closed_streams()
     words = list(sys.argv[1:] if args is None else args)
     if args is None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a cancelled job leaves files in order, as Ctrl-C
-    debug, as_json = "--debug" in words, "--json" in words
+    debug = "--debug" in words
+    as_json = "--json" in words
     words = [word for word in words if word not in ("--debug", "--json")]
     if words == ["--version"]:
         print(f"palpate {__version__}")
         return 0
-    log = logging.StreamHandler()
-    log.format = lambda record: printable(f"palpate: {record.getMessage()}")
-    logging.basicConfig(handlers=[log], level=logging.WARNING)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
-    # A step's arrays are too small to be shared between threads, and what imports make is no garbage.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
-    os.environ["MPLBACKEND"] = "agg"  # figures go to files, and that of a notebook is not installed everywhere
-    gc.set_threshold(100_000, 20, 20)
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
+    _set_up_process()
     if words[:1] in ([], ["help"]):
         words = [*words[1:2], "--help"]
     known = commands()
-    command: Any = known.get(words[0])
     try:
-        if not command and not words[0].startswith("-"):
-            near = difflib.get_close_matches(words[0], known, 1)
-            question = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
-            raise SettingError(f"there is no command {words[0]!r}; {question}")
-        if not command:  # one alone is quicker, since options of all take a tenth of a second
-            tyro.extras.subcommand_cli_from_dict(
-                known, prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
-            )
-        about = f"{inspect.cleandoc(command.__doc__).partition('Args:')[0]}{FOR_ALL}"
-        made = tyro.cli(command, prog=f"palpate {words[0]}", description=about, args=words[1:], config=config)
-        made.print(as_json)
+        report = _run(known, words)
+        report.print(as_json)
         sys.stdout.flush()
-        return made.code
+        return report.code
     except KeyboardInterrupt:
-        goes_on = "; --resume goes on" if "resume" in inspect.signature(command).parameters else ""
-        complain("stopped" + ("; the same command goes on" if command is known["paper"] else goes_on))
+        complain(f"stopped{_way_to_go_on(known, words[0])}")
         return 130
     except BrokenPipeError:  # the reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -96,6 +74,53 @@ def main(args: Sequence[str] | None = None) -> int:
             raise
         complain(error)
         return 2
+
+
+def _open_closed_streams() -> None:
+    """Replace standard output and error, where the shell has closed them, by the null device."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+
+
+def _set_up_process() -> None:
+    """Set up logging, output, threads and the garbage collector for a command."""
+    log = logging.StreamHandler()
+    log.format = lambda record: printable(f"palpate: {record.getMessage()}")
+    logging.basicConfig(handlers=[log], level=logging.WARNING)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
+    # The arrays of a step are too small to be shared between threads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+    os.environ["MPLBACKEND"] = "agg"  # figures go to files, and that of a notebook is not installed everywhere
+    gc.set_threshold(100_000, 20, 20)  # imports make many objects, none of them garbage
+
+
+def _run(known: dict[str, Any], words: Sequence[str]) -> Report:
+    """Run the command that the words begin with. Raises SettingError if there is none, SystemExit for help."""
+    name = words[0]
+    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
+    if name.startswith("-"):  # the help of all commands, which takes a tenth of a second more than that of one
+        tyro.extras.subcommand_cli_from_dict(
+            known, prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
+        )
+    if name not in known:
+        similar = difflib.get_close_matches(name, known, 1)
+        question = f"did you mean {similar[0]}?" if similar else f"known are {', '.join(known)}"
+        raise SettingError(f"there is no command {name!r}; {question}")
+    command: Any = known[name]
+    description = f"{inspect.cleandoc(command.__doc__).partition('Args:')[0]}{FOR_ALL}"
+    return tyro.cli(command, prog=f"palpate {name}", description=description, args=words[1:], config=config)
+
+
+def _way_to_go_on(known: dict[str, Any], name: str) -> str:
+    """Return words on how a command goes on after Ctrl-C, or ""."""
+    if name == "paper":
+        return "; the same command goes on"
+    if "resume" in inspect.signature(known[name]).parameters:
+        return "; --resume goes on"
+    return ""
 
 
 if __name__ == "__main__":
