@@ -91,7 +91,7 @@ def checked_times(time: Any) -> Array:
 def checked_poses(name: str, poses: Any, n: int, may_be_unknown: bool = False) -> Array:
     """Return n poses in the plane as floats (n, 3); unknown ones are three NaN. Raises FileError."""
     given = checked_array(name, poses, NUMBERS, (n, 3)).astype(np.float64)
-    good = is_near(given).all(axis=1)
+    good = are_in_range(given).all(axis=1)
     allowed = f"three numbers up to {FARTHEST:g}"
     if may_be_unknown:
         good = good | np.isnan(given).all(axis=1)
@@ -108,7 +108,7 @@ def checked_number(value: Any, least: float, most: float, kind: type = Real) -> 
     return int(value) if kind is Integral else float(value)  # pyright: ignore[reportArgumentType]
 
 
-def is_near(values: NDArray[Any]) -> Flags:
+def are_in_range(values: NDArray[Any]) -> Flags:
     """Return flags of numbers that are finite, and small enough for a position or length [m]."""
     return np.abs(values) <= FARTHEST
 

@@ -67,8 +67,8 @@ def run(node: Any, stop: threading.Event) -> None:
     calibration = None if unit is None else load_calibration(str(unit))
     outline = load_shape(str(shape))
     topics = Topics(node)
-    known: Any = {"calibration": calibration, "first_pose_sigma": sigma, "is_view_known": topics.view.is_stated}
-    tracker = Tracker(outline, DIGIT, first_pose, settings, **known)
+    options: Any = {"calibration": calibration, "first_pose_sigma": sigma, "is_view_known": topics.view.is_stated}
+    tracker = Tracker(outline, DIGIT, first_pose, settings, **options)
     sources = Sources(topics.images, topics.poses, topics.now, DIGIT, topics.placement.time_offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))

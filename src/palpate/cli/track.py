@@ -126,7 +126,7 @@ def _track_file(file: Path, folder: Path, bag: Bag, tracking: dict[str, Any], ou
 
 
 def _open_pages(pages: Sequence[Path]) -> None:
-    """Open pages in the browser, but for those that could not be drawn, of which a warning has told."""
+    """Open pages in the browser, but for those that could not be drawn, for which there was a warning."""
     for page in pages:
         if page.exists():
             webbrowser.open(page.resolve().as_uri())
@@ -218,8 +218,8 @@ def live(
             setting = _replay_setting(replay, start, bag)
         sources = setting.sources
         settings = palpate.TrackerSettings(touch.tactile)
-        known: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
-        tracker = palpate.Tracker(setting.shape, sources.sensor, setting.first_pose, settings, model, unit, **known)
+        options: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
+        tracker = palpate.Tracker(setting.shape, sources.sensor, setting.first_pose, settings, model, unit, **options)
         keep = record and stack.enter_context(recorder(record, setting.shape, sources, force))
         stop = stack.enter_context(stop_on_signals())
         session = LiveSession(tracker, sources, complain)
@@ -270,10 +270,10 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
 def _replay_setting(file: Path, start: Start, bag: Bag) -> _LiveSetting:
     """Return a recording as sources that play it in real time."""
     from palpate.live.sources import replayed
-    from palpate.pipeline.track import first_pose_of
+    from palpate.pipeline.track import first_pose_of_recording
 
     given_pose, given_sigma = start.pose_and_sigma()
     recording = bag.read(file).recording
     sources = replayed(recording)
-    first, sigma = first_pose_of(recording, palpate.NoiseSettings(), given_pose, given_sigma)
+    first, sigma = first_pose_of_recording(recording, palpate.NoiseSettings(), given_pose, given_sigma)
     return _LiveSetting(file.name, sources, recording.shape, first, sigma)

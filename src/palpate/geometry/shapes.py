@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import Array
-from palpate.checks import FARTHEST, METRES, checked_number, is_near, other_unit
+from palpate.checks import FARTHEST, METRES, are_in_range, checked_number, other_unit
 from palpate.errors import SettingError, ShapeError
 from palpate.geometry.se2 import wrap
 
@@ -255,9 +255,9 @@ def _checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
         raise ShapeError(f"polygon vertices are no numbers: {error}") from error
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ShapeError(f"polygon vertices have shape {corners.shape}; they must be (N, 2)")
-    are_possible = is_near(corners).all(axis=1)
-    if not are_possible.all():
-        index = int(np.argmin(are_possible))
+    is_in_range = are_in_range(corners).all(axis=1)
+    if not is_in_range.all():
+        index = int(np.argmin(is_in_range))
         vertex = tuple(corners[index].tolist())
         raise ShapeError(f"polygon vertex {index} is {vertex}; it must be finite, up to {FARTHEST:g} m")
     extent = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0

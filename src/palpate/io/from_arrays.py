@@ -102,15 +102,15 @@ def encoded_images(
     interval = len(indices) // 10 + 1  # about ten images are looked at
     encoded: list[bytes] = []
     damage: list[str] = []
-    unencoded: dict[int, Image] = {}  # pixels by place, since JPEG removes the noise that shows squeezing
-    for place, index in enumerate(indices):
+    unencoded: dict[int, Image] = {}  # pixels by number, since JPEG removes the noise that shows squeezing
+    for number, index in enumerate(indices):
         image = images[index]
         with in_file(f"{name}: image {index}"):
             pixels = _upright_pixels(image, size, view)
             if pixels is not None:
                 encoded.append(encode_image(pixels, codec))
-                if place % interval == 0:
-                    unencoded[place] = pixels
+                if number % interval == 0:
+                    unencoded[number] = pixels
                 continue
         try:
             encoded.append(turned_image(_bytes_of(image), size, view))
@@ -118,12 +118,12 @@ def encoded_images(
             damage.append(f"image {index}: {error}")
             encoded.append(b"")
     samples: list[Image] = []
-    places = [place for place, data in enumerate(encoded) if data] or [0]
-    for place in places[::interval]:
+    numbers = [number for number, data in enumerate(encoded) if data] or [0]
+    for number in numbers[::interval]:
         try:
-            samples.append(unencoded[place] if place in unencoded else decode_image(encoded[place], size))
+            samples.append(unencoded[number] if number in unencoded else decode_image(encoded[number], size))
         except FileError as error:
-            damage.append(f"image {indices[place]}: {error}")
+            damage.append(f"image {indices[number]}: {error}")
     if not samples:
         raise FileError(f"{name}: {damage[0]}")
     empty = encoded.count(b"")

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
-from palpate.checks import FARTHEST, NUMBERS, check_rows, checked_array, checked_times, is_near
+from palpate.checks import FARTHEST, NUMBERS, are_in_range, check_rows, checked_array, checked_times
 from palpate.errors import FileError
 from palpate.files import read_json, text_start
 from palpate.geometry import se2
@@ -42,7 +42,7 @@ def read_mit_push(path: Path) -> Recording:
     pose = checked_array(KEYS[1], data[KEYS[1]], NUMBERS, (3, len(time))).T.astype(np.float64)
     center = checked_array(KEYS[2], data[KEYS[2]], NUMBERS, (2, len(time))).T.astype(np.float64)
     check_rows(KEYS[0], time, np.isfinite(time), "a finite time [s]")
-    check_rows(KEYS[2], center, is_near(center).all(axis=1), f"a position [m] up to {FARTHEST:g}")
+    check_rows(KEYS[2], center, are_in_range(center).all(axis=1), f"a position [m] up to {FARTHEST:g}")
 
     # The clock sometimes repeats or steps back; only samples that are later than all before them count.
     is_later = time > np.append(-np.inf, np.maximum.accumulate(time)[:-1])
@@ -52,7 +52,7 @@ def read_mit_push(path: Path) -> Recording:
     center_pose = np.column_stack([center, np.full(len(center), _heading(center))])
     sensor_pose = se2.compose(center_pose, np.array([[TIP.radius, 0.0, 0.0]]))
 
-    pose[~is_near(pose).all(axis=1)] = np.nan
+    pose[~are_in_range(pose).all(axis=1)] = np.nan
     gap = TIP.gaps(sensor_pose, pose, SQUARE)
     # A gap below -3 mm is impossible between hard bodies: truth lags behind, from the last time that the gap was above
     # -2 mm until the next one. So the flags are taken in both directions of time.

@@ -14,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.checks import FARTHEST, METRES, is_near
+from palpate.checks import FARTHEST, METRES, are_in_range
 from palpate.errors import FileError, SettingError, ShapeError, one_line
 from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows, unpacked
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
@@ -358,7 +358,7 @@ def _check_drawing(path: Path, library: str) -> None:
 
 def _check_lines(lines: Sequence[Array]) -> None:
     """Raise ShapeError if lines (n, 2) [m] go too far for any outline."""
-    if not all(is_near(line).all() for line in lines):
+    if not all(are_in_range(line).all() for line in lines):
         raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
 
 

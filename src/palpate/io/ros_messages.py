@@ -103,9 +103,9 @@ def new_mcap(path: Path | str, overwrite: bool = False, growing: bool = False) -
     """
     from mcap.writer import CompressionType, Writer
 
-    with nullcontext(new_file(path, overwrite)) if growing else whole_file(path, overwrite) as place:
+    with nullcontext(new_file(path, overwrite)) if growing else whole_file(path, overwrite) as target:
         try:
-            with place.open("wb") as file:
+            with target.open("wb") as file:
                 # Images are compressed already; data checksums find a damaged record anywhere.
                 writer = Writer(file, compression=CompressionType.NONE, use_chunking=not growing, enable_data_crcs=True)
                 writer.start(profile="ros2", library="palpate")

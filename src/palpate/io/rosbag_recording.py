@@ -221,33 +221,33 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
     images = None
     flags = None
     if choices.image_times is not None:
-        place, truth = _sources(bag, choices)
+        poses, truth = _sources(bag, choices)
         topic = str(choices.image_times)
         stamps, images = _sorted_images(topic, _listed_images(Path(choices.image_times), choices.images))
     elif are_flags:
         topics = bag.of((BOOL,))
         topic = _only(bag, "topic of contact flags", [*topics], choices.images, "--images TOPIC")
-        place, truth = _sources(bag, choices, topics[topic])
-        stamps, flags = _flags(topics[topic], place, choices.clock, sensor.rate)
+        poses, truth = _sources(bag, choices, topics[topic])
+        stamps, flags = _flags(topics[topic], poses, choices.clock, sensor.rate)
     else:
         topics = bag.of(IMAGE_TYPES)
         topic = _only(bag, "image topic", [*topics], choices.images, "--images TOPIC")
-        place, truth = _sources(bag, choices, topics[topic])
+        poses, truth = _sources(bag, choices, topics[topic])
         stamps, images = _sorted_images(topic, list(_images(bag, topic, choices.clock)))
     time = stamps + round(choices.time_offset * 1e9)
     frames = SpatialFrames(
         time,
-        poses_of_gel(place.placed(choices.clock, time)),
+        poses_of_gel(poses.placed(choices.clock, time)),
         None if truth is None else truth.placed(choices.clock, time),
         None if images is None else (topic, images),
         flags,
     )
-    names = [topic, place.name]
+    names = [topic, poses.name]
     if truth is not None:
         names.append(truth.name)
     source = f"bag {bag.path.name}: {', '.join(names)}"
     fields = {"shape": shape, "source": source, "file": bag.path}
-    return BagReading(*planar_recording(str(bag.path), place.frame, frames, choices, sensor, **fields))
+    return BagReading(*planar_recording(str(bag.path), poses.frame, frames, choices, sensor, **fields))
 
 
 def _sorted_images(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, list[Any]]:
@@ -260,18 +260,18 @@ def _sorted_images(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, li
     return np.array(stamps, np.int64), [by_time[stamp] for stamp in stamps]
 
 
-def _flags(stream: Stream, place: _Source, clock: str, rate: float) -> tuple[Times, Flags]:
+def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Times, Flags]:
     """Return times (N,) [ns] at a rate [Hz], from the first contact flag to the last pose, and the latest flags.
 
     Flags have no headers: by that clock they are taken to have been recorded as late as the poses.
     """
     sent = np.array(stream.times["log"], np.int64)
     if clock == "header":
-        offsets = [step.offsets for step, _ in place.steps if not step.is_static]
+        offsets = [step.offsets for step, _ in poses.steps if not step.is_static]
         if offsets:
             sent += int(np.median(offsets[0]))
     order = np.argsort(sent, kind="stable")
-    end = max([sent.min(), *map(np.max, place.times(clock))])
+    end = max([sent.min(), *map(np.max, poses.times(clock))])
     time = np.arange(sent.min(), end + 1, round(1e9 / rate))
     latest = np.searchsorted(sent[order], time, "right") - 1
     flags = np.array(stream.numbers)[order] == 1.0

@@ -104,7 +104,7 @@ def rms(errors: ArrayLike) -> float | None:
 
 def percentiles(values: ArrayLike) -> dict[str, float]:
     """Return the 50th, 95th and 99th percentile and the maximum of values (N,)."""
-    return {name: float(np.percentile(np.asarray(values), share)) for name, share in PERCENTILES.items()}
+    return {name: float(np.percentile(np.asarray(values), percent)) for name, percent in PERCENTILES.items()}
 
 
 def world_sigma(pose: ArrayLike, covariance: ArrayLike) -> Array:

@@ -31,7 +31,7 @@ from palpate.graph.factors import Step, make_factors
 from palpate.graph.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, IN_OBJECT, OUTLINE_SCALE
 from palpate.graph.window import Window
 from palpate.pipeline.metrics import flag_runs
-from palpate.pipeline.track import first_pose_of
+from palpate.pipeline.track import first_pose_of_recording
 from palpate.touch.background import first_frames
 from palpate.touch.calibration import Calibration, DirectionCorrection, SetUp, calibrated, mismatch
 from palpate.touch.contact_detector import ContactDetector
@@ -281,7 +281,7 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
     model = contact_model(recording.shape, recording.sensor)
     priors = noise.priors
     factors = make_factors(noise, model)
-    first, sigma = first_pose_of(recording, noise)
+    first, sigma = first_pose_of_recording(recording, noise)
     covariance = np.diag(np.square([*sigma, *priors.deviation]))
     belief = Belief(first[None], priors.mean[None], covariance[None])
     last = belief

@@ -66,9 +66,9 @@ def track(
     """Track the object of a recording.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
-    default see `first_pose_of`. Without a calibration, the untouched gel of a recording that begins in contact is taken
-    from its first release. `progress` is called with the number of frames done. A frame that cannot be used is skipped,
-    see `tracked_frames`.
+    default see `first_pose_of_recording`. Without a calibration, the untouched gel of a recording that begins in
+    contact is taken from its first release. `progress` is called with the number of frames done. A frame that cannot be
+    used is skipped, see `tracked_frames`.
 
     Raises SettingError if the recording lacks something that the settings need, EstimationError if no estimate can be
     computed or the first frame cannot be used. If an error or Ctrl-C ends tracking early, it is raised after `keep` was
@@ -77,7 +77,7 @@ def track(
     begin = time.perf_counter()
     total = len(recording)
     settings = settings or TrackerSettings()
-    first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
+    first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
     _check_content(recording, settings.tactile)
     warm_up()  # its message is not one of the recording's warnings
     with kept_warnings() as warnings:
@@ -162,8 +162,8 @@ def _end_of(failure: BaseException | None, estimates: Sequence[Estimate], total:
     """Return a sentence on the failure that ended a run early; None if there was none."""
     if failure is None:
         return None
-    place = f"after {len(estimates)} of {total} frames, at {estimates[-1].time:.3f} s"
-    return f"{place}: {type(failure).__name__}: {one_line(failure)}"
+    moment = f"after {len(estimates)} of {total} frames, at {estimates[-1].time:.3f} s"
+    return f"{moment}: {type(failure).__name__}: {one_line(failure)}"
 
 
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, float]]:
@@ -212,7 +212,7 @@ def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers]:
     return online, tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
 
 
-def first_pose_of(
+def first_pose_of_recording(
     recording: Recording, noise: NoiseSettings, given: ArrayLike | None = None, sigma: ArrayLike | None = None
 ) -> tuple[Array, Array]:
     """Return the first pose (3,) [m, m, rad] and its standard deviations (3,): as given, or as the recording has them.

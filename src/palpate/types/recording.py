@@ -89,7 +89,7 @@ class Recording:
             if given is None:
                 continue
             numbers = checks.checked_array(name, given, checks.NUMBERS, (3,)).astype(np.float64)
-            if not (numbers >= least).all() or not checks.is_near(numbers).all():
+            if not (numbers >= least).all() or not checks.are_in_range(numbers).all():
                 raise FileError(f"{name}: found {numbers.tolist()}, allowed are {least:g} to {checks.FARTHEST:g}")
             self._settle(name, numbers)
         if self.first_pose_sigma is not None and self.first_pose is None:

@@ -93,9 +93,9 @@ def _lost_poses(name: str, time: Times, numbers: Array) -> Flags:
     is_lost = ~np.isfinite(numbers).all(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
     if is_lost.all():
         raise FileError(f"{name}: none of {len(time)} poses is known: all hold NaN or a quaternion of zeros")
-    is_near = np.asarray(checks.is_near(numbers).all(axis=1))
-    length = np.linalg.norm(np.where(is_near[:, None], numbers[:, 3:], 0.0), axis=1)
-    is_wrong = ~is_lost & ~(is_near & (np.abs(length - 1.0) < 1e-2))
+    is_in_range = np.asarray(checks.are_in_range(numbers).all(axis=1))
+    length = np.linalg.norm(np.where(is_in_range[:, None], numbers[:, 3:], 0.0), axis=1)
+    is_wrong = ~is_lost & ~(is_in_range & (np.abs(length - 1.0) < 1e-2))
     if not is_wrong.any():
         return is_lost
     first = int(np.argmax(is_wrong))
