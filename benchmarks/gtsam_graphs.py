@@ -23,10 +23,14 @@ TACTILE = np.array([1.0, 1.0, 8e-2])  # [m, m, rad] of the relative pose of two 
 SENSOR = np.array([1e-4, 1e-4, 1e-3])  # [m, m, rad]
 FIRST_POSE = np.array([5e-4, 5e-4, 5e-3])  # [m, m, rad]
 CONTACT = np.array([1e-3])  # [m] of the gap
-SLIP, SLIP_SHARE = 2e-5, 0.06  # [m], and as a share of the sensor's motion
-TORQUE, TORQUE_SHARE = 2e-7, 0.013  # [m^2], and as a share of the sensor's motion times c
-PAIRS, WINDOW = 30, 40
-"""Tactile factors of a step, each with one of the steps before; steps in the window of the native graph."""
+SLIP = 2e-5  # [m]
+SLIP_SHARE = 0.06  # of the sensor's motion
+TORQUE = 2e-7  # [m^2]
+TORQUE_SHARE = 0.013  # of the sensor's motion times c
+PAIRS = 30
+"""Tactile factors of a step, each with one of the steps before."""
+WINDOW = 40
+"""Steps in the window of the native graph."""
 
 
 class PlainGraph:
@@ -36,7 +40,9 @@ class PlainGraph:
         parameters = gtsam.ISAM2Params()
         parameters.setRelinearizeThreshold(1e-3)
         parameters.relinearizeSkip = 1
-        self._isam, self._model, self._first = gtsam.ISAM2(parameters), model, object_pose
+        self._isam = gtsam.ISAM2(parameters)
+        self._model = model
+        self._first = object_pose
         self._true: list[Array] = []
         self._sensor = np.zeros(3)
 
@@ -46,7 +52,9 @@ class PlainGraph:
         Returns the object's pose (3,) and covariance (3, 3).
         """
         object_pose, sensor_pose = given
-        now, graph, values = len(self._true), gtsam.NonlinearFactorGraph(), gtsam.Values()
+        now = len(self._true)
+        graph = gtsam.NonlinearFactorGraph()
+        values = gtsam.Values()
         self._true.append(se2.between(object_pose, sensor_pose))
         values.insert(_e(now), gtsam.Pose2(*sensor_pose))
         graph.push_back(gtsam.PriorFactorPose2(_e(now), gtsam.Pose2(*sensor_pose), _sigmas(SENSOR)))
@@ -64,7 +72,8 @@ class PlainGraph:
             graph.push_back(_tactile([_g(now - back), _g(now)], measured))
         self._isam.update(graph, values)
         self._sensor = sensor_pose
-        touch, sensor = (self._isam.calculateEstimatePose2(key) for key in (_g(now), _e(now)))
+        touch = self._isam.calculateEstimatePose2(_g(now))
+        sensor = self._isam.calculateEstimatePose2(_e(now))
         return _array(sensor.compose(touch.inverse())), self._isam.marginalCovariance(_g(now))
 
 
@@ -76,21 +85,25 @@ class NativeGraph:
 
     def __init__(self) -> None:
         self._window: deque[list[Any]] = deque(maxlen=WINDOW)
-        self._values, self._count = gtsam.Values(), 0
+        self._values = gtsam.Values()
+        self._count = 0
         self._last = np.zeros((2, 3))
 
     def update(self, given: tuple[Array, Array]) -> tuple[Array, Array]:
         """Add a step with true object pose and sensor pose; return the object's pose (3,) and covariance (3, 3)."""
         object_pose, sensor_pose = given
-        now, self._count = self._count, self._count + 1
-        begin, poses = max(now - WINDOW + 1, 0), np.stack([se2.between(object_pose, sensor_pose), sensor_pose])
-        keys, before = (_g(now), _e(now)), (_g(now - 1), _e(now - 1)) if now else ()
+        now = self._count
+        self._count += 1
+        begin = max(now - WINDOW + 1, 0)
+        poses = np.stack([se2.between(object_pose, sensor_pose), sensor_pose])
+        keys = (_g(now), _e(now))
+        before = (_g(now - 1), _e(now - 1)) if now else ()
         factors = []
         for key, pose, sigmas in zip(keys, poses, (TACTILE, SENSOR), strict=True):
             self._values.insert(key, gtsam.Pose2(*pose))
             factors.append(gtsam.PriorFactorPose2(key, gtsam.Pose2(*pose), _sigmas(sigmas)))
         steps = [gtsam.Pose2(*step) for step in se2.between(self._last, poses)]
-        ties = [gtsam.BetweenFactorPose2(*each, _sigmas(TACTILE)) for each in zip(before, keys, steps, strict=False)]
+        ties = [gtsam.BetweenFactorPose2(*tie, _sigmas(TACTILE)) for tie in zip(before, keys, steps, strict=False)]
         if begin > 0:
             for key in (_g(begin - 1), _e(begin - 1)):
                 self._values.erase(key)
@@ -103,7 +116,8 @@ class NativeGraph:
             graph.push_back(factor)
         for _ in range(2):
             self._values = self._values.retract(graph.linearize(self._values).optimize())
-        touch, sensor = self._values.atPose2(keys[0]), self._values.atPose2(keys[1])
+        touch = self._values.atPose2(keys[0])
+        sensor = self._values.atPose2(keys[1])
         covariance = gtsam.Marginals(graph, self._values).marginalCovariance(keys[0])
         return _array(sensor.compose(touch.inverse())), covariance
 
@@ -139,8 +153,8 @@ def _pushing(keys: Sequence[int], moved: float, model: ContactModel) -> gtsam.Cu
     """Return the factor of quasi-static pushing on g0, e0, g1, e1; the sensor moved this far [m]."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        g0, e0, g1, e1 = (_array(values.atPose2(key)) for key in keys)
-        residual, jacobian = pushing(g0, e0, g1, e1, model)
+        poses = [_array(values.atPose2(key)) for key in keys]
+        residual, jacobian = pushing(*poses, model=model)
         if jacobians is not None:
             for k in range(4):
                 jacobians[k] = np.asfortranarray(jacobian[:, 3 * k : 3 * k + 3])
@@ -157,8 +171,13 @@ def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> 
     Rows 1 and 2 [m]: sliding along the sensor, object frame. Row 3 [m^2]: balance of force and torque on the
     ellipsoidal limit surface, `p x v - c^2 omega`. Planar vectors are complex.
     """
-    contact, center, c_squared = _geometry(model, g1), model.friction_center, model.friction_radius**2
-    turn_g0, turn_e0, turn_g1, turn_e1 = (np.exp(1j * pose[2]) for pose in (g0, e0, g1, e1))
+    contact = _geometry(model, g1)
+    center = model.friction_center
+    c_squared = model.friction_radius**2
+    turn_g0 = np.exp(1j * g0[2])
+    turn_e0 = np.exp(1j * e0[2])
+    turn_g1 = np.exp(1j * g1[2])
+    turn_e1 = np.exp(1j * e1[2])
     # The centre was at `g1 e1^-1 e0 g0^-1 center` at step 0, seen from the object at step 1.
     in_sensor0 = np.conj(turn_g0) * (center - _place(g0))
     in_sensor1 = np.conj(turn_e1) * (_place(e0) + turn_e0 * in_sensor0 - _place(e1))
@@ -168,10 +187,13 @@ def pushing(g0: Array, e0: Array, g1: Array, e1: Array, model: ContactModel) -> 
     slid = _place(g0) + turn_g0 * contact["material"] - contact["point"]
     slid_by_g0 = _moving(turn_g0, contact["material"])
     slid_by_g1 = turn_g0 * contact["material_by_g"] - contact["point_by_g"]
-    arm, omega = contact["point"] - center, se2.wrap(e1[2] - e0[2] - g1[2] + g0[2])
+    arm = contact["point"] - center
+    omega = se2.wrap(e1[2] - e0[2] - g1[2] + g0[2])
     jacobian = np.zeros((3, 12))
-    jacobian[:2, 0:3], jacobian[:2, 6:9] = (np.stack([each.real, each.imag]) for each in (slid_by_g0, slid_by_g1))
-    jacobian[2, 0:3], jacobian[2, 3:6] = _cross(arm, by_sensor0), -_cross(arm, by_sensor0)
+    jacobian[:2, 0:3] = np.stack([slid_by_g0.real, slid_by_g0.imag])
+    jacobian[:2, 6:9] = np.stack([slid_by_g1.real, slid_by_g1.imag])
+    jacobian[2, 0:3] = _cross(arm, by_sensor0)
+    jacobian[2, 3:6] = -_cross(arm, by_sensor0)
     jacobian[2, 6:9] = _cross(contact["point_by_g"], motion) - _cross(arm, by_sensor1)
     jacobian[2, 9:12] = _cross(arm, by_sensor1)
     jacobian[2, [2, 11]] -= c_squared  # omega grows with the turns of g0 and e1,

@@ -53,14 +53,15 @@ def push(
     """
     g = np.broadcast_to(touched, np.broadcast_shapes(np.shape(touched), np.shape(object_pose))).astype(np.float64)
     e = se2.compose(object_pose, g)
-    slip, torque = np.broadcast_to(slip, (steps, len(g), 2)), np.broadcast_to(torque, (steps, len(g)))
-    ratio, center = (
-        np.asarray((friction or {}).get(each, np.zeros(each.dimension)), np.float64).reshape(each.dimension, -1)
-        for each in (FRICTION_RATIO, FRICTION_CENTER)
-    )
+    slip = np.broadcast_to(slip, (steps, len(g), 2))
+    torque = np.broadcast_to(torque, (steps, len(g)))
+    ratio = _value_of(FRICTION_RATIO, friction)
+    center = _value_of(FRICTION_CENTER, friction)
     c_squared = model.friction_radius**2 * np.exp(ratio[0])
     pivot = model.friction_center + model.friction_radius * (center[0] + 1j * center[1])
-    sensors, touches, contact = [e], [g], model.touching(g[None])[0]
+    sensors = [e]
+    touches = [g]
+    contact = model.touching(g[None])[0]
     gap = contact["gap"]
     for step in range(steps):
         aim = se2.transform(se2.inverse(g), np.array([model.friction_center.real, model.friction_center.imag]))
@@ -80,6 +81,12 @@ def push(
     return se2.compose(world_T_sensor, se2.inverse(np.stack(touches))), world_T_sensor
 
 
+def _value_of(variable: Any, friction: Mapping[Any, ArrayLike] | None) -> Array:
+    """Return the value of a variable (dimension, 1 or B), by default zeros."""
+    given = (friction or {}).get(variable, np.zeros(variable.dimension))
+    return np.asarray(given, np.float64).reshape(variable.dimension, -1)
+
+
 def _solved(
     model: ContactModel, g0: Array, e0: Array, e1: Array, c_squared: Array, pivot: Complex, wanted: Array, grip: float
 ) -> tuple[Array, NDArray[np.void]]:
@@ -89,9 +96,13 @@ def _solved(
     the limit surface, p x v - c^2 omega, about the centre of friction. Where the motion of that centre, and so the
     force, is outside the friction cone, its distance from the edge takes the place of sliding along the outline.
     """
-    o0, changes = se2.compose(e0, se2.inverse(g0)), 1e-6 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    g1, place0, turn0 = g0, g0[:, :1] + 1j * g0[:, 1:2], np.exp(1j * g0[:, 2:])
-    slip, side = wanted[:, :1] + 1j * wanted[:, 1:2], np.zeros((len(g0), 1))
+    o0 = se2.compose(e0, se2.inverse(g0))
+    changes = 1e-6 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    g1 = g0
+    place0 = g0[:, :1] + 1j * g0[:, 1:2]
+    turn0 = np.exp(1j * g0[:, 2:])
+    slip = wanted[:, :1] + 1j * wanted[:, 1:2]
+    side = np.zeros((len(g0), 1))
     for _ in range(16):
         tried = np.ascontiguousarray(se2.compose(g1[:, None], se2.exp(changes)))  # (B, 7, 3)
         touch = model.touching(tried)

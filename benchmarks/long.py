@@ -37,14 +37,22 @@ from palpate.pipeline.metrics import inside_95, nees, translation_errors
 
 Array = NDArray[np.float64]
 SHAPE = Rectangle(0.2363, 0.1579)
-CONTACT, AWAY = 300, 30
-"""Frames of a contact, if there are many, and between them."""
-ERROR, STATED, LASTS = 2e-3, 1e-2, 19.0
-"""Standard deviation of touch and the stated one [rad], and the time constant of its errors [frames]."""
+CONTACT = 300
+"""Frames of a contact, if there are many."""
+AWAY = 30
+"""Frames between contacts."""
+ERROR = 2e-3
+"""Standard deviation of touch [rad]."""
+STATED = 1e-2
+"""Standard deviation of touch as the measurements state it [rad]."""
+LASTS = 19.0
+"""Time constant of the errors of touch [frames]."""
 BACK = 0.03
 """Distance from the object between contacts [m]."""
 PARTS = 10
-NOISE, MODEL, STEERING = NoiseSettings(), contact_model(SHAPE, DIGIT), Steering()
+NOISE = NoiseSettings()
+MODEL = contact_model(SHAPE, DIGIT)
+STEERING = Steering()
 
 
 @dataclass(frozen=True)
@@ -61,19 +69,27 @@ class Truth:
 
 def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) -> Truth:
     """Push the rectangle for `count` frames in contacts of `contact` frames, each at another place of its sides."""
-    objects, sensors, flags = [np.zeros((1, 3))], list[Array](), list[NDArray[np.bool_]]()
+    objects = [np.zeros((1, 3))]
+    sensors = list[Array]()
+    flags = list[NDArray[np.bool_]]()
     c = MODEL.friction_radius
     slip_sigma = np.hypot(NOISE.sticking.still, NOISE.sticking.share * STEERING.speed)
     torque_sigma = np.hypot(NOISE.balance.still, NOISE.balance.share * STEERING.speed * c)
     friction = {variable: values[IN_OBJECT[variable]] for variable in (var.FRICTION_RATIO, var.FRICTION_CENTER)}
     grip = float(np.exp(values[IN_OBJECT[var.GRIP]][0]))
-    while (made := sum(map(len, flags))) < count:
+    made = 0
+    while made < count:
         steps = min(contact, count - made) - 1
-        quarter, along, turned = rng.integers(4), rng.uniform(-0.03, 0.03), rng.uniform(-0.2, 0.2)
-        side, far, r = [0.0, 0.0, quarter * np.pi / 2], 0.5 * (SHAPE.size_x, SHAPE.size_y)[quarter % 2], DIGIT.radius
+        quarter = rng.integers(4)
+        along = rng.uniform(-0.03, 0.03)
+        turned = rng.uniform(-0.2, 0.2)
+        side = [0.0, 0.0, quarter * np.pi / 2]
+        far = 0.5 * (SHAPE.size_x, SHAPE.size_y)[quarter % 2]
+        r = DIGIT.radius
         gap = gaps(steps + 1, rng) - values[IN_OBJECT[var.DEPTH]] + values[IN_OBJECT[var.OUTLINE_SCALE]] * far
         first = se2.compose(side, [-far - gap[0] + r * (np.cos(turned) - 1.0), along + r * np.sin(turned), turned])
-        slid, torque = rng.normal(0.0, slip_sigma, steps), rng.normal(0.0, torque_sigma, (steps, 1))
+        slid = rng.normal(0.0, slip_sigma, steps)
+        torque = rng.normal(0.0, torque_sigma, (steps, 1))
         # Off a side whose normal is -x, an opening gap moves the sensor along x.
         slip = se2.transform(side, np.column_stack([np.diff(gap), slid]))[:, None]
         o, e = push(MODEL, objects[-1][-1:], first[None], steps, STEERING, 0.0, slip, torque, friction, grip)
@@ -82,6 +98,7 @@ def pushed(count: int, contact: int, values: Array, rng: np.random.Generator) ->
         objects += [np.tile(o[0], (rest, 1)), o[:, 0], np.tile(o[-1], (rest, 1))]
         sensors += [np.tile(lifted[0], (rest, 1)), e[:, 0], np.tile(lifted[-1], (rest, 1))]
         flags.append(np.repeat([False, True, False], [rest, len(o), rest]))
+        made += len(flags[-1])
     return Truth(np.concatenate(objects[1:])[:count], np.concatenate(sensors)[:count], np.concatenate(flags)[:count])
 
 
@@ -119,15 +136,21 @@ def felt(truth: Truth, values: Array, rng: np.random.Generator) -> Iterator[tupl
 
 def tracked(truth: Truth, values: Array, rng: np.random.Generator) -> dict[str, Any]:
     """Track a push and return the results by tenths of its frames."""
-    count, process = len(truth.objects), psutil.Process()
+    count = len(truth.objects)
+    process = psutil.Process()
     first = se2.compose(truth.objects[0], se2.exp(rng.normal(size=3) * NOISE.first_pose.deviation))
-    tracker, statuses = Tracker(SHAPE, DIGIT, first), Counter[str]()
-    pose, covariance, ms, memory = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count), list[float]()
+    tracker = Tracker(SHAPE, DIGIT, first)
+    statuses = Counter[str]()
+    pose = np.empty((count, 3))
+    covariance = np.empty((count, 3, 3))
+    ms = np.empty(count)
+    memory = list[float]()
     for k, (frame, measured) in enumerate(felt(truth, values, rng)):
         begin = time.thread_time()
         estimate = tracker.update(frame, measured)
         ms[k] = 1e3 * (time.thread_time() - begin)
-        pose[k], covariance[k] = estimate.pose, estimate.covariance
+        pose[k] = estimate.pose
+        covariance[k] = estimate.covariance
         statuses[estimate.status] += 1
         if len(memory) < (k + 1) * PARTS // count:
             memory.append(process.memory_info().rss / 1e6)

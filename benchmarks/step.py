@@ -41,9 +41,11 @@ Array = NDArray[np.float64]
 Row = dict[str, float | str]
 Given = tuple[Frame, tuple[Measurement, ...]]
 BASELINE = Path(__file__).with_name("baseline.json")
-REFERENCE, SHAPE = "reference", Rectangle(0.2363, 0.1579)
+REFERENCE = "reference"
+SHAPE = Rectangle(0.2363, 0.1579)
 MODEL = contact_model(SHAPE, DIGIT)
-FRAMES, WARM = 450, 60
+FRAMES = 450
+WARM = 60
 SLACK = 1.5  # by which a ratio may exceed the committed one: two shared cores are noisy even in ratios
 
 
@@ -74,13 +76,17 @@ def timed(begin: Callable[[], Callable[[Any], Any]], inputs: Sequence[Any]) -> t
     update = begin()
     for each in inputs[:WARM]:
         update(each)
-    update, results = begin(), []
+    update = begin()
+    results = []
     gc.collect()
-    wall, processor = np.empty(len(inputs)), np.empty(len(inputs))
+    wall = np.empty(len(inputs))
+    processor = np.empty(len(inputs))
     for k, each in enumerate(inputs):
-        start, busy = time.perf_counter(), time.process_time()
+        start = time.perf_counter()
+        busy = time.process_time()
         results.append(update(each))
-        processor[k], wall[k] = time.process_time() - busy, time.perf_counter() - start
+        processor[k] = time.process_time() - busy
+        wall[k] = time.perf_counter() - start
     return 1e3 * wall, 1e3 * processor, results
 
 
@@ -116,7 +122,9 @@ def with_images() -> Iterator[Timing]:
 def graphs() -> Iterator[Timing]:
     """Time the graph alone, and those in GTSAM, on one contact drawn from the estimator's model."""
     first = np.array([[-0.5 * SHAPE.size_x, 0.01, 0.0]])
-    objects, sensors = (poses[:, 0] for poses in push(MODEL, np.zeros((1, 3)), first, FRAMES - 1, Steering()))
+    objects, sensors = push(MODEL, np.zeros((1, 3)), first, FRAMES - 1, Steering())
+    objects = objects[:, 0]
+    sensors = sensors[:, 0]
     settings = replace(TrackerSettings("none"), hypotheses=1)
 
     def tracker() -> Callable[[Given], object]:
@@ -131,7 +139,8 @@ def graphs() -> Iterator[Timing]:
 
 def felt(objects: Array, sensors: Array) -> Iterator[Given]:
     """Yield noisy frames of a contact, each with the direction and turn that learnt touch would measure."""
-    random, sigma = np.random.default_rng(0), 0.01  # [rad]
+    random = np.random.default_rng(0)
+    sigma = 0.01  # [rad]
     g = se2.between(objects, sensors)
     noisy = se2.compose(sensors, se2.exp(random.normal(0.0, (1e-4, 1e-4, 1e-3), sensors.shape)))
     inward = -MODEL.touching(g[None])["normal"][0] * np.exp(-1j * g[:, 2])

@@ -59,7 +59,8 @@ def tracked(
 
 def draw(status: str, recording: Recording, estimates: Sequence[Estimate]) -> None:
     """Draw errors with twice their standard deviation, over a strip of statuses."""
-    time, truth = recording.time, recording.object_pose
+    time = recording.time
+    truth = recording.object_pose
     assert truth is not None
     pose = np.array([estimate.pose for estimate in estimates])
     sigma, turn_sigma = deviations(np.array([estimate.covariance for estimate in estimates]))
@@ -91,7 +92,8 @@ def draw(status: str, recording: Recording, estimates: Sequence[Estimate]) -> No
 def main() -> None:
     """Draw all of them, and say which statuses came up."""
     learnt = TrackerSettings(tactile="learnt")
-    calm, shoved = simulated("rectangle", 2), simulated("rectangle", 2, knocks=True)
+    calm = simulated("rectangle", 2)
+    shoved = simulated("rectangle", 2, knocks=True)
     moved = simulated("rectangle", 9002, 2, knocks=True)
     rough: dict[str, Any] = {"off": (0.02, 0.02, 0.2), "sigma": (0.03, 0.03, 0.3)}
     runs = {

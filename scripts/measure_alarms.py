@@ -18,7 +18,7 @@ from palpate.estimation.innovations import JUDGED_STEPS
 from palpate.hypotheses.proposals.shove import ALARM_LIMITS
 from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.metrics import flag_runs
-from palpate.pipeline.track import first_pose_of
+from palpate.pipeline.track import first_pose_of_recording
 from palpate_lab.study.recordings import find_recordings
 
 SECOND = 30  # frames
@@ -46,11 +46,13 @@ def main(undisturbed: Path, shoved: Path) -> None:
 
 def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """Return flags of contact (N,), alarms (N, factors), and the frames at which a shove begins."""
-    recording, settings = palpate.load_recording(file), palpate.TrackerSettings(hypotheses=1)
-    first, sigma = first_pose_of(recording, settings.noise)
+    recording = palpate.load_recording(file)
+    settings = palpate.TrackerSettings(hypotheses=1)
+    first, sigma = first_pose_of_recording(recording, settings.noise)
     tracker = palpate.Tracker(recording.shape, recording.sensor, first, settings, first_pose_sigma=sigma)
     found = [tracker.update(frame) for frame in recording]
-    contact, surprise = np.array([each.contact for each in found]), np.zeros((len(found), len(NAMES)))
+    contact = np.array([each.contact for each in found])
+    surprise = np.zeros((len(found), len(NAMES)))
     for k, each in enumerate(found):
         if each.innovations is not None:
             error, predicted, stated = np.moveaxis(each.innovations, -1, 0)
@@ -69,9 +71,12 @@ def alarms(file: Path) -> tuple[np.ndarray, np.ndarray, list[int]]:
 
 def begun(told: np.ndarray) -> int:
     """Return the number of alarms (N,) that are half a second after the last one."""
-    count, last = 0, -SECOND
+    count = 0
+    last = -SECOND
     for frame in np.flatnonzero(told).tolist():
-        count, last = (count + 1, frame) if frame - last > SECOND // 2 else (count, last)
+        if frame - last > SECOND // 2:
+            count += 1
+            last = frame
     return count
 
 

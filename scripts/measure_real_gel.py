@@ -67,7 +67,8 @@ def edges_on_mini(data: Path) -> dict[str, float]:
 
 def of_places(folder: Path, images: list[Image], columns: list[float]) -> dict[str, float]:
     """Return the scores of the places of imprints at columns (N,) [px]."""
-    model, mean = shipped_model(GELSIGHT_MINI.name), reduced(read_image(folder / "background.png"))
+    model = shipped_model(GELSIGHT_MINI.name)
+    mean = reduced(read_image(folder / "background.png"))
     looks = [model.read(difference_in_light(image, mean))["place"] for image in images]
     place, variance = np.array(looks).T
     true = (np.array(columns) - 0.5 * (GELSIGHT_MINI.image_width - 1)) * (GELSIGHT_MINI.pixel_pitch or 0.0)
@@ -90,7 +91,8 @@ def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
     true = np.arcsin((column - 0.5 * (DIGIT.image_width - 1)) * OWN_PITCH / DIGIT.radius)
     images = [as_delivered(read_image(folder / row["file"]), camera) for row in rows]
     untouched = as_delivered(read_image(folder / "untouched.png"), camera)
-    calibration, chosen = Calibration(background_of([untouched] * 2)), np.array([], np.int_)
+    calibration = Calibration(background_of([untouched] * 2))
+    chosen = np.array([], np.int_)
     if calibrate_on == 1:
         calibration = replace(calibration, pixel_pitch=OWN_PITCH, pixel_pitch_sigma=0.04)
     elif calibrate_on:
@@ -108,14 +110,18 @@ def measured(folder: Path, camera: str, calibrate_on: int) -> dict[str, float]:
 def meeting(change: Array, row: float) -> float:
     """Return the column where the green flank of a ball at a row meets the red one, by the rows that show both."""
     flanks = gaussian_filter(change[..., 1] - change[..., 0], 3.0)[max(round(row) - 50, 0) : round(row) + 50]
-    left, both = flanks.argmax(axis=1), np.minimum(flanks.max(axis=1), -flanks.min(axis=1))
+    left = flanks.argmax(axis=1)
+    both = np.minimum(flanks.max(axis=1), -flanks.min(axis=1))
     falls = (np.arange(flanks.shape[1]) > left[:, None]) & (flanks <= 0.0)
-    return float(np.average(falls.argmax(axis=1), weights=np.maximum(both - 8.0, 0.0) * (left < flanks.argmin(axis=1))))
+    shows_both = left < flanks.argmin(axis=1)
+    weights = np.where(shows_both, np.maximum(both - 8.0, 0.0), 0.0)
+    return float(np.average(falls.argmax(axis=1), weights=weights))
 
 
 def scored(calibration: Calibration, images: list[Image], true: Array) -> dict[str, float]:
     """Return the scores of images with true angles (N,) [rad]."""
-    model, mean = shipped_model(DIGIT.name), reduced(calibration.background.mean)
+    model = shipped_model(DIGIT.name)
+    mean = reduced(calibration.background.mean)
     looks = [model.read(difference_in_light(calibration.view.of(image), mean)) for image in images]
     factor = angle_factor(model, calibrated(DIGIT, calibration))
     direction, variance = np.array([look["direction"] for look in looks]).T

@@ -40,7 +40,8 @@ def summary(path: Path) -> dict[str, Any]:
     turned = wrap(recording.object_pose[5:, 2] - recording.object_pose[:-5, 2])
     knocks = flag_runs(np.abs(turned) > np.radians(5.0))
     run = track(recording, palpate.TrackerSettings("oracle"))
-    time, errors = recording.time, [*(1e3 * translation_errors(run.online.pose, run.recording.truth)).tolist(), np.nan]
+    time = recording.time
+    errors = [*(1e3 * translation_errors(run.online.pose, run.recording.truth)).tolist(), np.nan]
     later = [errors[int(np.searchsorted(time, time[last + 5] + 1.0))] for _, last in knocks]
     known = [None if np.isnan(error) else error for error in later]
     return run.summary | {"knocks": len(knocks), "mm_after_knocks": known}

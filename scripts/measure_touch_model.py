@@ -47,11 +47,14 @@ def main(folder: Path) -> None:
     if "corner" not in model.settings.spread:
         return write("gelsight_mini/touch_model", found)
     readings = [model.read(each) for each in samples.difference.astype(np.float32)]
-    direction, turn, corner = (np.array([each[name] for each in readings]).T for name in model.settings.spread)
+    direction = np.array([reading["direction"] for reading in readings]).T
+    turn = np.array([reading["turn"] for reading in readings]).T
+    corner = np.array([reading["corner"] for reading in readings]).T
     units = [re.findall(r"unit (\d+)", load_recording(file).source)[0] for file in files]
     pitch = np.array([draw_unit(sensor, int(unit)).pitch for unit in units])[samples.recording]
     shown = pitch / (sensor.pixel_pitch or 1.0) * sensor.shown  # share of the pad that an image shows
-    is_found, normal = corner[3] > LEAST_CORNER_LOG_ODDS, corner[0] + corner[2] * (samples.cone - HALF_RIGHT_ANGLE)
+    is_found = corner[3] > LEAST_CORNER_LOG_ODDS
+    normal = corner[0] + corner[2] * (samples.cone - HALF_RIGHT_ANGLE)
     at_corner = normal - np.arcsin(np.clip(np.sin(direction[0]) * shown, -1.0, 1.0))
     found |= {
         "turns_over_constant_model": {

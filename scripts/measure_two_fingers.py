@@ -32,7 +32,8 @@ def tracked(which: tuple[str, int]) -> dict[str, dict[str, float]]:
     """Return the scores of one push by the kind of touch."""
     name, number = which
     recording = simulated(name, np.random.default_rng([SEED, number]))
-    oracle, none = palpate.TrackerSettings("oracle"), palpate.TrackerSettings("none")
+    oracle = palpate.TrackerSettings("oracle")
+    none = palpate.TrackerSettings("none")
     return {"oracle": scores(track(recording, oracle).summary), "none": scores(track(recording, none).summary)}
 
 

@@ -21,8 +21,10 @@ from palpate.geometry import se2
 from palpate.pipeline.metrics import inside_95, nees
 from palpate_lab.study.recordings import find_recordings
 
-REACH, SIGMA = 0.06, (0.03, 0.03, 1.8)
-"""Largest offset of the first pose [m], and the standard deviations that are stated [m, m, rad]."""
+REACH = 0.06
+"""Largest offset of the first pose [m]."""
+SIGMA = (0.03, 0.03, 1.8)
+"""Standard deviations of the first pose as they are stated [m, m, rad]."""
 KNOWN = (5e-4, 5e-4, 5e-3)
 """Standard deviations of a first pose that is given [m, m, rad]."""
 
@@ -39,7 +41,8 @@ def judged(file: Path) -> dict[str, bool]:
     recording = palpate.load_recording(file)
     assert recording.object_pose is not None
     rng = np.random.default_rng(zlib.crc32(file.stem.encode()))
-    offset, yaw = rng.normal(size=2), rng.uniform(-np.pi, np.pi)
+    offset = rng.normal(size=2)
+    yaw = rng.uniform(-np.pi, np.pi)
     offset *= REACH * np.sqrt(rng.uniform()) / np.hypot(*offset)
     first = se2.compose(recording.object_pose[0], turn_about(recording.shape.centroid, yaw))
     first[:2] += offset
@@ -64,7 +67,8 @@ def tracked(recording: palpate.Recording, first: np.ndarray, sigma: tuple[float,
     mm = 1e3 * np.hypot(*(estimate.pose - same)[:, :2].T)
     deg = np.abs(np.degrees(se2.wrap(estimate.pose[2] - same[:, 2])))
     best = int(np.argmin(mm + deg))
-    pose, covariance = np.tile(estimate.pose, (len(same), 1)), np.tile(estimate.covariance, (len(same), 1, 1))
+    pose = np.tile(estimate.pose, (len(same), 1))
+    covariance = np.tile(estimate.covariance, (len(same), 1, 1))
     inside = inside_95(nees(pose, covariance, same))
     return bool(mm[best] < 5.0 and deg[best] < 3.0), bool(inside.any()) or estimate.status == "ambiguous"
 

@@ -48,7 +48,8 @@ class Table:
 
 # Studies: rows from sequences.csv
 
-MM, DEG = "final_translation_error_mm", "final_rotation_error_deg"
+MM = "final_translation_error_mm"
+DEG = "final_rotation_error_deg"
 FINAL = {"final error": "{mm:.1f} mm, {deg:.1f}° ({worst_mm:.0f}, {worst_deg:.0f})"}
 SCORES = {**FINAL, "in 95 %: contact, end": "{contact:.0%}, {end:.0%}", "silently wrong": "{silent:.1%}"}
 OF_OBJECTS = {"objects": "{name}", "sequences": "{count}", **SCORES, "`ambiguous`": "{ambiguous:.0%}"}
@@ -73,10 +74,14 @@ def sequences(study: str) -> list[Row]:
     words = {"": None, "True": 1.0, "False": 0.0}
     texts = ("recording", "group", "tactile", "smoother", "final_status", "final_reason")
     with (ROOT / f"docs/study/{study}/sequences.csv").open(encoding="utf-8", newline="") as file:
-        return [
-            {key: text if key in texts else words[text] if text in words else float(text) for key, text in row.items()}
-            for row in csv.DictReader(file)
-        ]
+        rows = list(csv.DictReader(file))
+
+    def value(key: str, text: str) -> Any:
+        if key in texts:
+            return text
+        return words[text] if text in words else float(text)
+
+    return [{key: value(key, text) for key, text in row.items()} for row in rows]
 
 
 def scored(name: str, rows: Sequence[Row]) -> Row:
@@ -427,7 +432,8 @@ def complaints(path: Path) -> Iterator[str]:
     for name, body in BLOCK.findall(text):
         of_prose = name.startswith("from ")
         names = name.removeprefix("from ").split(", ")
-        if unknown := [each for each in names if each not in TABLES]:
+        unknown = [name for name in names if name not in TABLES]
+        if unknown:
             yield f"block {unknown[0]} is not in scripts/reported_numbers.py"
         elif of_prose:
             allowed = LIMITS.union(*(NUMBER.findall(str(TABLES[each])) for each in names))

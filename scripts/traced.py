@@ -54,69 +54,146 @@ def pushed_by_two_fingers(what: str, seed: Any, seconds: float = 6.0, **options:
     """Simulate pushes by CMU's hand, which has no images; the seed may be a random generator."""
     from palpate_lab.simulate.pushes import draw_sequence, measured
 
-    (shape, kind), rng = _shape_and_kind(what), np.random.default_rng(seed)
+    shape, kind = _shape_and_kind(what)
+    rng = np.random.default_rng(seed)
     motion = draw_sequence(shape, kind, HAND, rng, seconds, **options)
-    sensor_pose, object_pose = measured(motion.sensor_pose, rng), measured(motion.object_pose, rng)
+    sensor_pose = measured(motion.sensor_pose, rng)
+    object_pose = measured(motion.object_pose, rng)
     time = np.arange(len(sensor_pose)) / HAND.rate
     return Recording(time, sensor_pose, shape, HAND, object_pose, motion.contact)
 
 
-def faulty(recording: Recording, fault: str) -> "Given":
-    """Put a fault of sensors, or of what is known of the object, into a recording; FAULTY names them."""
-    from palpate.geometry import se2
-    from palpate.geometry.shapes import scaled
-    from palpate.pipeline.metrics import flag_runs
+@dataclass(eq=False)
+class _Stream:
+    """Data of N frames as a sensor gives them, for a fault to change."""
+
+    time: Array
+    contact: NDArray[np.bool_]
+    sensor_pose: Array
+    truth: Array
+    images: list[NDArray[np.uint8]]
+    order: NDArray[np.int_]
+    """Frames in the order in which they arrive."""
+    shape: Shape
+    calibration: Calibration | None = None
+
+    @property
+    def untouched(self) -> int:
+        """Number of frames before the first touch."""
+        return int(np.argmax(self.contact))
+
+    @property
+    def middle(self) -> int:
+        """Frame a third of the way through the longest contact."""
+        from palpate.pipeline.metrics import flag_runs
+
+        first, last = max(flag_runs(self.contact), key=lambda run: run[1] - run[0])
+        return first + (last - first) // 3
+
+    def during(self, seconds: float) -> NDArray[np.int_]:
+        """Return the frames of some seconds from the middle on."""
+        begin = self.time[self.middle]
+        return np.flatnonzero((self.time >= begin) & (self.time < begin + seconds))
+
+
+def _drop_frames(stream: _Stream, rng: np.random.Generator) -> None:
+    is_kept = rng.random(len(stream.time)) >= 0.2
+    is_kept[0] = True
+    stream.order = np.flatnonzero(is_kept)
+
+
+def _exchange_frames(stream: _Stream, rng: np.random.Generator) -> None:
+    is_late = rng.random(len(stream.time)) < 0.1
+    is_late[0] = False
+    stream.order = np.argsort(stream.order + 1.5 * is_late, kind="stable")
+
+
+def _shift_stamps(stream: _Stream, rng: np.random.Generator) -> None:
+    stream.time[stream.middle :] += 1000.0
+
+
+def _lose_poses(stream: _Stream, rng: np.random.Generator) -> None:
+    stream.sensor_pose[stream.during(0.2)] = np.nan
+
+
+def _displace_poses(stream: _Stream, rng: np.random.Generator) -> None:
+    later = np.flatnonzero(stream.contact & (np.arange(len(stream.time)) > stream.middle))
+    frames = np.append(stream.middle, rng.choice(later, 9, replace=False))
+    angle = rng.uniform(-np.pi, np.pi, 10)
+    stream.sensor_pose[frames, :2] += 0.02 * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _blacken_images(stream: _Stream, rng: np.random.Generator) -> None:
+    for k in stream.during(0.16).tolist():
+        stream.images[k] = np.zeros_like(stream.images[k])
+
+
+def _dim_light(stream: _Stream, rng: np.random.Generator) -> None:
+    count = len(stream.images)
+    dimmed = [np.rint(image * (1.0 - 0.2 * k / (count - 1))) for k, image in enumerate(stream.images)]
+    stream.images = [np.clip(image, 0, 255).astype(np.uint8) for image in dimmed]
+
+
+def _miss_contact(stream: _Stream, rng: np.random.Generator) -> None:
+    stream.images[stream.middle : stream.middle + 10] = [stream.images[0]] * 10
+
+
+def _rotate_images(stream: _Stream, rng: np.random.Generator) -> None:
     from palpate.touch.background import background_of
 
-    rng, count, shape, calibration = np.random.default_rng(0), len(recording), recording.shape, None
-    contact, time, pose = np.asarray(recording.contact), recording.time.copy(), recording.sensor_pose.copy()
-    truth, images = np.array(recording.object_pose), [np.asarray(frame.image) for frame in recording]
-    first_pose, order = truth[0].copy(), np.arange(count)
-    first, last = max(flag_runs(contact), key=lambda run: run[1] - run[0])
-    middle = first + (last - first) // 3  # of the longest contact
-    untouched = int(np.argmax(contact))  # frames before the first touch
+    stream.calibration = Calibration(background_of(stream.images[: stream.untouched]))
+    stream.images = [np.ascontiguousarray(np.rot90(image, 2)) for image in stream.images]
 
-    def during(seconds: float) -> NDArray[np.int_]:
-        return np.flatnonzero((time >= time[middle]) & (time < time[middle] + seconds))
 
-    match fault:
-        case "frames dropped, 20 %":
-            order = np.flatnonzero(np.append(True, (rng.random(count) >= 0.2)[1:]))
-        case "frames exchanged, 10 %":
-            later = np.append(False, (rng.random(count) < 0.1)[1:])
-            order = np.argsort(order + 1.5 * later, kind="stable")
-        case "stamps +1000 s for good":
-            time[middle:] += 1000.0
-        case "pose NaN for 0.2 s":
-            pose[during(0.2)] = np.nan
-        case "pose off by 20 mm 10 times":
-            later = np.flatnonzero(contact & (np.arange(count) > middle))
-            frames, angle = np.append(middle, rng.choice(later, 9, replace=False)), rng.uniform(-np.pi, np.pi, 10)
-            pose[frames, :2] += 0.02 * np.column_stack([np.cos(angle), np.sin(angle)])
-        case "image black for 5 frames":
-            for k in during(0.16).tolist():
-                images[k] = np.zeros_like(images[k])
-        case "light drifts -20 %":
-            dimmed = [np.rint(image * (1.0 - 0.2 * k / (count - 1))) for k, image in enumerate(images)]
-            images = [np.clip(image, 0, 255).astype(np.uint8) for image in dimmed]
-        case "missed contact of 10 frames":
-            images[middle : middle + 10] = [images[0]] * 10
-        case "turned by 180 degrees, calibrated":
-            calibration = Calibration(background_of(images[:untouched]))
-            images = [np.ascontiguousarray(np.rot90(image, 2)) for image in images]
-        case "outline +2 % and moved untouched 10 mm":
-            shape, angle = scaled(shape, 1.02), rng.uniform(-np.pi, np.pi)
-            aside = np.array([0.01 * np.cos(angle), 0.01 * np.sin(angle), 0.0])
-            before = truth[untouched - 1]
-            motion = se2.compose(se2.compose(before, aside), se2.inverse(before))
-            part = np.clip(np.arange(count) / (untouched - 1), 0.0, 1.0)  # the sensor follows gradually
-            part = part * part * (3.0 - 2.0 * part)
-            pose = se2.compose(se2.exp(part[:, None] * se2.log(motion)), pose)
-            truth[(untouched - 1) // 2 :] = se2.compose(motion, truth[(untouched - 1) // 2 :])
-        case _:
-            raise ValueError(f"no fault is called {fault!r}")
-    frames = [Frame(float(time[k]), pose[k], images[k], bool(contact[k]), truth[k]) for k in order.tolist()]
-    return Given(replace(recording, shape=shape), tuple(frames), first_pose, calibration=calibration)
+def _change_outline_and_move(stream: _Stream, rng: np.random.Generator) -> None:
+    from palpate.geometry import se2
+    from palpate.geometry.shapes import scaled
+
+    stream.shape = scaled(stream.shape, 1.02)
+    angle = rng.uniform(-np.pi, np.pi)
+    aside = np.array([0.01 * np.cos(angle), 0.01 * np.sin(angle), 0.0])
+    last = stream.untouched - 1
+    before = stream.truth[last]
+    motion = se2.compose(se2.compose(before, aside), se2.inverse(before))
+    fraction = np.clip(np.arange(len(stream.time)) / last, 0.0, 1.0)  # the sensor follows gradually
+    fraction = fraction * fraction * (3.0 - 2.0 * fraction)
+    stream.sensor_pose = se2.compose(se2.exp(fraction[:, None] * se2.log(motion)), stream.sensor_pose)
+    stream.truth[last // 2 :] = se2.compose(motion, stream.truth[last // 2 :])
+
+
+FAULTS: dict[str, Callable[[_Stream, np.random.Generator], None]] = {
+    "frames dropped, 20 %": _drop_frames,
+    "frames exchanged, 10 %": _exchange_frames,
+    "stamps +1000 s for good": _shift_stamps,
+    "pose NaN for 0.2 s": _lose_poses,
+    "pose off by 20 mm 10 times": _displace_poses,
+    "image black for 5 frames": _blacken_images,
+    "light drifts -20 %": _dim_light,
+    "missed contact of 10 frames": _miss_contact,
+    "turned by 180 degrees, calibrated": _rotate_images,
+    "outline +2 % and moved untouched 10 mm": _change_outline_and_move,
+}
+"""Faults of sensors, or of what is known of the object, by name."""
+
+
+def faulty(recording: Recording, fault: str) -> "Given":
+    """Put a fault, one of FAULTS, into a recording."""
+    stream = _Stream(
+        time=recording.time.copy(),
+        contact=np.asarray(recording.contact),
+        sensor_pose=recording.sensor_pose.copy(),
+        truth=np.array(recording.object_pose),
+        images=[np.asarray(frame.image) for frame in recording],
+        order=np.arange(len(recording)),
+        shape=recording.shape,
+    )
+    first_pose = stream.truth[0].copy()
+    FAULTS[fault](stream, np.random.default_rng(0))
+    frames = [
+        Frame(float(stream.time[k]), stream.sensor_pose[k], stream.images[k], bool(stream.contact[k]), stream.truth[k])
+        for k in stream.order.tolist()
+    ]
+    return Given(replace(recording, shape=stream.shape), tuple(frames), first_pose, calibration=stream.calibration)
 
 
 def through_a_bag(recording: Recording) -> Recording:
@@ -146,30 +223,32 @@ def _shape_and_kind(what: str) -> tuple[Shape, str]:
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What a tracker is given."""
+    """Input of a tracker."""
 
     recording: Recording
-    """Whose object and sensor it is."""
+    """Recording with the object and the sensor."""
     frames: tuple[Frame, ...]
     """N frames as they arrive."""
     first_pose: Array | None
-    """world_T_object (3,) [m, m, rad]; None is not known at all."""
+    """world_T_object (3,) [m, m, rad]; None if it is unknown."""
     first_pose_sigma: Array | None = None
-    """How well it is known (3,) [m, m, rad]; None is what the settings say."""
+    """Standard deviations of the first pose (3,) [m, m, rad]; None for those of the settings."""
     settings: TrackerSettings | None = None
-    """How to track."""
+    """Settings of the tracker; None for the defaults."""
     calibration: Calibration | None = None
-    """What is known of the sensor unit."""
+    """Calibration of the sensor unit."""
     said: tuple[tuple[Measurement, ...], ...] = ()
-    """What is said of each frame beside what is in it; nothing of any where this is empty."""
+    """Measurements given to `update` beside each frame; empty for none at all."""
 
 
 def told(recording: Recording, begin: int = 0, **changes: Any) -> Given:
-    """Return what a tracker is told of a recording from a frame on: its first pose or, where it has none, the truth."""
-    first, sigma = recording.first_pose, recording.first_pose_sigma
+    """Return the frames of a recording from `begin` on, with its first pose or, if it has none, the first true one."""
+    first = recording.first_pose
+    sigma = recording.first_pose_sigma
     if first is None or begin:
         truth = np.asarray(recording.object_pose)[begin:]
-        first, sigma = truth[np.isfinite(truth[:, 0])][0], SURE
+        first = truth[np.isfinite(truth[:, 0])][0]
+        sigma = SURE
     return replace(Given(recording, tuple(recording)[begin:], first, sigma), **changes)
 
 
@@ -186,7 +265,9 @@ def begun_in_contact(recording: Recording) -> Given:
 
 def seen_by_a_camera(recording: Recording, delay: int, in_frames: bool) -> Given:
     """Add true poses of the object with noise, of so many frames ago, to every twelfth frame."""
-    given, rng, sigma = told(recording), np.random.default_rng(1), np.array([0.003, 0.003, 0.03])
+    given = told(recording)
+    rng = np.random.default_rng(1)
+    sigma = np.array([0.003, 0.003, 0.03])
     said: list[tuple[Measurement, ...]] = [()] * len(given.frames)
     for now in range(12, len(said), 12):
         seen = given.frames[now - delay]
@@ -199,13 +280,14 @@ def seen_by_a_camera(recording: Recording, delay: int, in_frames: bool) -> Given
 
 
 def felt_by_others(recording: Recording) -> Given:
-    """Let directions and turns with noise, made from the truth, be what touch says."""
+    """Return a recording with directions and turns, made from the truth with noise, as measurements."""
     rng = np.random.default_rng(2)
     said: list[tuple[Measurement, ...]] = []
     for frame, angle in zip(recording, recording.extra["pad_angle"], strict=True):
-        turn, off = frame.sensor_pose[2] - np.asarray(frame.object_pose)[2], rng.normal(0.0, 0.02, 2)
-        felt = (ContactDirection, angle + off[0]), (Turn, turn + off[1])
-        said.append(tuple(what(float(value), 4e-4) for what, value in felt) if frame.contact else ())
+        turn = frame.sensor_pose[2] - np.asarray(frame.object_pose)[2]
+        off = rng.normal(0.0, 0.02, 2)
+        direction = ContactDirection(float(angle + off[0]), 4e-4) if frame.contact else None
+        said.append((direction, Turn(float(turn + off[1]), 4e-4)) if direction else ())
     return told(recording, settings=NONE, said=tuple(said))
 
 
@@ -221,16 +303,15 @@ class Case:
     """Whether the recording is read from SHARED."""
 
 
-SURE, ROUGH = np.array([5e-4, 5e-4, 5e-3]), np.array([0.02, 0.02, 0.4])
-ORACLE, NONE, BATCH = TrackerSettings("oracle"), TrackerSettings("none"), TrackerSettings(smoother="batch")
-EDGES, CORNERS = "rectangle edges", "rectangle near-corners"
+SURE = np.array([5e-4, 5e-4, 5e-3])
+ROUGH = np.array([0.02, 0.02, 0.4])
+ORACLE = TrackerSettings("oracle")
+NONE = TrackerSettings("none")
+BATCH = TrackerSettings(smoother="batch")
+EDGES = "rectangle edges"
+CORNERS = "rectangle near-corners"
 EIGHT = ("disc", "disc", "ellipse", "ellipse", EDGES, EDGES, CORNERS, "rectangle corners")
 UNSEEN = ("triangle corners", "hexagon edges", "t near-corners", "butterfly edges", "rounded-square edges")
-FAULTY = (
-    *("frames dropped, 20 %", "frames exchanged, 10 %", "stamps +1000 s for good", "pose NaN for 0.2 s"),
-    *("pose off by 20 mm 10 times", "image black for 5 frames", "light drifts -20 %", "missed contact of 10 frames"),
-    *("turned by 180 degrees, calibrated", "outline +2 % and moved untouched 10 mm"),
-)
 MIT = ("Pertubations", "BigPertubations5", "_2016_10_23_NoPerturbations")
 CMU = ("20_neg30_90__log2017-05-23_22-05-15", "30_50_60__log2017-05-23_22-20-00", "60_20_150__log2017-05-23_22-25-24")
 
@@ -255,7 +336,8 @@ def _cases() -> dict[str, Case]:
     for n, what in enumerate((EDGES, "ellipse", "triangle corners")):
         add("unknown", what, partial(simulated, what, 700 + n), partial(told, first_pose=None, first_pose_sigma=None))
     for n, what in enumerate((EDGES, "ellipse")):
-        again, one = partial(simulated, what, 204 - 2 * n), TrackerSettings(hypotheses=1)
+        again = partial(simulated, what, 204 - 2 * n)
+        one = TrackerSettings(hypotheses=1)
         add("rough", what, partial(simulated, what, 800 + n), partial(told, first_pose_sigma=ROUGH))
         add("camera", what, again, partial(seen_by_a_camera, delay=3 * n, in_frames=n == 0))
         add("mirrored", what, partial(simulated, what, 810 + n, ideal=True), mirrored)
@@ -264,7 +346,7 @@ def _cases() -> dict[str, Case]:
     add("bag", EDGES, lambda: through_a_bag(simulated(EDGES, 204)))
     add("begun-in-contact", EDGES, partial(simulated, EDGES, 204), begun_in_contact)
     add("own-touch", EDGES, partial(simulated, EDGES, 830, images=False), felt_by_others)
-    for fault in FAULTY:
+    for fault in FAULTS:
         add("fault", fault, partial(simulated, EDGES, 840, seconds=8.0, ideal=True), partial(faulty, fault=fault))
     paths = [SHARED / f"mit_point_push/StraightLine{name}.json.gz" for name in MIT]
     paths += [SHARED / f"cmu_two_finger/bigrect_3pts__bigrect_3pts_{name}.txt" for name in CMU]

@@ -25,10 +25,14 @@ from traced import CASES, ROOT, SHARED, Array, Given
 from palpate import EstimationError, FrameError, Tracker
 
 TRACES = ROOT / "tests/traces"
-NEAR, NEAR_BY_IMAGES = 1e-6, 1e-5
-"""[m], [rad] that poses may differ by; networks that read images compute with single precision."""
-NUDGE, TO_ONE = 1e-13, 1e-2
-"""[m], [rad] by which sensor poses are moved; how much relative differences count, against those of poses."""
+NEAR = 1e-6
+"""[m], [rad] by which poses may differ."""
+NEAR_BY_IMAGES = 1e-5
+"""The same for recordings with images: the networks that read them compute with single precision."""
+NUDGE = 1e-13
+"""[m], [rad] by which sensor poses are moved to find out where a trace is sensitive."""
+TO_ONE = 1e-2
+"""Factor on relative differences that makes them comparable with those of poses."""
 
 Trace = dict[str, NDArray[Any]]
 """At N frames: pose (N, 3), covariance (N, 6) above its diagonal, status (N,), which are places among `names`, and
@@ -46,7 +50,9 @@ def made(name: str) -> Trace:
 
 def tracked(given: Given, nudge: float = 0.0) -> Trace:
     """Track frame by frame, with sensor poses moved by normal noise of this size [m], [rad]."""
-    shape, sensor, rng = given.recording.shape, given.recording.sensor, np.random.default_rng(3)
+    shape = given.recording.shape
+    sensor = given.recording.sensor
+    rng = np.random.default_rng(3)
     how = {"calibration": given.calibration, "first_pose_sigma": given.first_pose_sigma}
     tracker = Tracker(shape, sensor, given.first_pose, given.settings, **how)
     rows: list[tuple[Any, ...]] = []
@@ -77,7 +83,7 @@ def tracked(given: Given, nudge: float = 0.0) -> Trace:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """How far two traces are apart at N frames, and which of them are off by more than is allowed."""
+    """Differences of two traces at N frames, and flags of frames where they are larger than allowed."""
 
     metres: Array
     radians: Array
@@ -146,8 +152,10 @@ def checked(name: str, exact: bool = False) -> Checked:
     with np.load(TRACES / f"{name}.npz") as file:
         stored = dict(file)
     found = tracked(CASES[name].given(CASES[name].recording()))
-    apart = difference(found, stored, 0.0 if exact else NEAR_BY_IMAGES if stored["by_images"] else NEAR)
-    frames, begin = len(apart.off), int(stored["sensitive_from"])
+    allowed = NEAR_BY_IMAGES if stored["by_images"] else NEAR
+    apart = difference(found, stored, 0.0 if exact else allowed)
+    frames = len(apart.off)
+    begin = int(stored["sensitive_from"])
     is_off = bool(apart.off[: frames if exact else begin].any())
     remarks = {
         "OFF": is_off,
@@ -163,7 +171,8 @@ def make(folder: Path, names: list[str]) -> None:
     for name in there(names or list(CASES)):
         trace = made(name)
         np.savez_compressed(folder / f"{name}.npz", allow_pickle=False, **trace)
-        frames, begin = len(trace["pose"]), int(trace["sensitive_from"])
+        frames = len(trace["pose"])
+        begin = int(trace["sensitive_from"])
         print(f"{name:48}{frames:5} frames{f', sensitive from {begin} on' if begin < frames else ''}", flush=True)
 
 
@@ -181,7 +190,8 @@ def check(names: list[str], exact: bool) -> int:
 
 def there(names: list[str]) -> list[str]:
     """Return the traces whose recordings can be had, and say why others cannot."""
-    if unknown := [name for name in names if name not in CASES]:
+    unknown = [name for name in names if name not in CASES]
+    if unknown:
         sys.exit(f"no traces are called {', '.join(unknown)}; there are {', '.join(CASES)}")
     lacking = [name for name in names if CASES[name].is_shared and not SHARED.is_dir()]
     for name in lacking:

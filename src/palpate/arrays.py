@@ -1,4 +1,4 @@
-"""Types of arrays that all rooms use."""
+"""Types of arrays that all of palpate uses."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ Complex = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Records = Any
-"""An array of a structured type, or one element of it, whose fields compiled code reads and sets by name."""
+"""Array of a structured type, or one element of it, whose fields compiled code reads and sets by name."""
 Image = NDArray[np.uint8]
 """Pixels (height, width, 3), RGB."""
 Levels = NDArray[np.float32]
-"""Pixels or means of several (rows, columns, 3), RGB [grey levels]."""
+"""Pixels, or means over several (rows, columns, 3), RGB [grey levels]."""
 Times = NDArray[np.int64]
 """[ns]"""

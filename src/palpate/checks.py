@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 from palpate.arrays import Array, Flags
 from palpate.errors import FileError, one_line
 
-# The kinds of NumPy types a field may have, and their name in an error.
+# Kinds of NumPy types that a field may have, and their name in an error.
 NUMBERS = ("fiu", "numbers")
 FLAGS = ("b", "booleans")
 
 FARTHEST = 1e6
-"""Largest position or length [m], angle [rad] and duration of a recording [s] that is accepted. 1000 km and 12 days are
-more than any push has, so larger numbers come from a damaged file, or from a wrong unit or clock."""
+"""Largest number that a position or a length [m], an angle [rad] or the duration of a recording [s] may have. Beyond it
+a file is damaged, or a unit or a clock is wrong: no robot is 1000 km away, and no recording is 12 days long."""
 SPAN = 5.0
-"""Largest extent of a push [m]. One of 10 mm that is written in millimetres has more."""
+"""Largest extent of the positions of a push [m]. In millimetres even a push over 10 mm has more."""
 TURNS = 4.0 * np.pi
-"""Angle [rad] above which angles are probably in degrees: two turns."""
+"""Largest angle [rad], two turns. Larger ones are probably in degrees."""
 METRES = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "m": 1.0}
 """Length of each unit [m], the likeliest unit first."""
 _WORDS = {"mm": "millimetres", "cm": "centimetres", "in": "inches", "m": "metres"}
@@ -32,7 +32,9 @@ def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int
     """Return `value` as an array of the given kind and shape, "N" for any length. Raises FileError."""
     kinds, words = kind
     array = as_array(name, value)
-    fits = array.ndim == len(shape) and all(want in ("N", size) for size, want in zip(array.shape, shape, strict=True))
+    fits = array.ndim == len(shape)
+    if fits:
+        fits = all(wanted in ("N", size) for size, wanted in zip(array.shape, shape, strict=True))
     if array.dtype.kind in "SU":
         raise FileError(f"{name}: found text, expected {words}")
     if not fits:
@@ -44,24 +46,27 @@ def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int
 
 
 def as_array(name: str, value: Any) -> NDArray[Any]:
-    """Return a value that NumPy or PyTorch can read as an array. Raises FileError."""
+    """Return an array, tensor or list of numbers as an array, in which masked numbers are NaN. Raises FileError."""
     try:
-        return np.asarray(value.filled(np.nan) if np.ma.is_masked(value) else without_gradient(value))
+        if np.ma.is_masked(value):
+            return np.asarray(value.filled(np.nan))
+        return np.asarray(without_gradient(value))
     except (ValueError, MemoryError) as error:  # one long text among numbers asks for terabytes
         raise FileError(f"{name}: rows have different lengths, expected those of an array") from error
-    except (TypeError, RuntimeError) as error:  # tensors in a list, or of another library
+    except (TypeError, RuntimeError) as error:  # tensors in a list, or those of another library
         raise FileError(f"{name}: is no array of NumPy, nor can it be made one ({one_line(error)})") from error
 
 
 def without_gradient(value: Any) -> Any:
-    """Return a tensor of PyTorch as NumPy reads it: without gradient, on the CPU. Other values stay as they are."""
-    for step in ("detach", "cpu"):
-        value = getattr(value, step)() if hasattr(value, step) else value
+    """Return a tensor of PyTorch without gradient and on the CPU, as NumPy needs it; any other value as it is."""
+    for method in ("detach", "cpu"):
+        if hasattr(value, method):
+            value = getattr(value, method)()
     return value
 
 
 def check_rows(name: str, values: NDArray[Any], good: np.bool_ | Flags, allowed: str) -> None:
-    """Raise FileError that names the first frame where `good` is false, its value and what is allowed."""
+    """Raise FileError that names the first frame whose flag `good` is false, its value and what is allowed."""
     if not np.all(good):
         index = int(np.argmin(good))
         raise FileError(f"{name}: frame {index} is {values[index].tolist()}, allowed is {allowed}")
@@ -73,14 +78,15 @@ def checked_times(time: Any) -> Array:
     if not len(given):
         raise FileError("time: found no times, expected one or more")
     check_rows("time", given, np.isfinite(given), "a finite number")
-    if (np.diff(given) <= 0).any():
-        index = int(np.argmax(np.diff(given) <= 0)) + 1
+    is_repeated = np.diff(given) <= 0
+    if is_repeated.any():
+        index = int(np.argmax(is_repeated)) + 1
         verb = "repeats" if given[index] == given[index - 1] else "runs backwards at"
         raise FileError(
             f"time: frame {index} {verb} {given[index]:.17g} s after {given[index - 1]:.17g} s, "
             "allowed are strictly increasing times"
         )
-    # Not by a difference, which may overflow.
+    # Compared without a difference, which may overflow.
     if given[-1] > given[0] + FARTHEST:
         raise FileError(f"time: runs from {given[0]:.17g} to {given[-1]:.17g} s, allowed are {FARTHEST:g} s at most")
     return given
@@ -89,23 +95,25 @@ def checked_times(time: Any) -> Array:
 def checked_poses(name: str, poses: Any, n: int, may_be_unknown: bool = False) -> Array:
     """Return n poses in the plane as floats (n, 3); unknown ones are three NaN. Raises FileError."""
     given = checked_array(name, poses, NUMBERS, (n, 3)).astype(np.float64)
-    good, allowed = is_near(given).all(axis=1), f"three numbers up to {FARTHEST:g}"
+    good = are_in_range(given).all(axis=1)
+    allowed = f"three numbers up to {FARTHEST:g}"
     if may_be_unknown:
-        good, allowed = good | np.isnan(given).all(axis=1), f"{allowed}, or three NaN"
+        good = good | np.isnan(given).all(axis=1)
+        allowed += ", or three NaN"
     check_rows(name, given, good, allowed)
     return given
 
 
 def checked_number(value: Any, least: float, most: float, kind: type = Real) -> float | None:
-    """Return a number in a range, as a float or, of the kind Integral, as an int; None if it is another, or none."""
-    # Compared before it is made a float, which cannot hold every whole number.
+    """Return a number of a kind in a range, as an int if the kind is Integral, else a float; None for other values."""
+    # Compared before it is converted, as a float cannot hold every whole number.
     if not isinstance(value, kind) or isinstance(value, bool) or not least <= value <= most:  # pyright: ignore[reportOperatorIssue]
         return None
     return int(value) if kind is Integral else float(value)  # pyright: ignore[reportArgumentType]
 
 
-def is_near(values: NDArray[Any]) -> Flags:
-    """Return flags of numbers that are finite and possible as a position or length [m]."""
+def are_in_range(values: NDArray[Any]) -> Flags:
+    """Return flags of numbers that are finite, and small enough for a position or length [m]."""
     return np.abs(values) <= FARTHEST
 
 
@@ -119,12 +127,12 @@ def check_metres(name: str, position: Array) -> None:
 
 
 def other_unit(length: float, least: float, most: float) -> str:
-    """Return the question for the units in which a length is between two likely ones [m], or ""."""
+    """Return a question that names the units in which a length lies in a likely range [m], or ""."""
     fits = [_WORDS[unit] for unit, size in METRES.items() if least <= length * size <= most]
     return f": are these {' or '.join(fits)}?" if fits else ""
 
 
 def other_time_unit(interval: float, rate: float) -> str:
-    """Return the question for another unit if an interval [s] of a stream of about this rate [Hz] fits it, or ""."""
+    """Return a question that names the unit in which an interval [s] fits a stream of about this rate [Hz], or ""."""
     fits = [name for name, size in _SECONDS.items() if 0.2 < interval * size * rate < 5.0]
     return f"are these {fits[0]}?" if fits else ""

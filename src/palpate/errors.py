@@ -2,15 +2,16 @@
 
 import re
 
-# Control characters, those that turn the direction of writing, and halves of characters, from names that are no text.
+# Control characters, characters that change the direction of writing, and halves of characters, as in names of files
+# that are not text.
 _UNPRINTABLE = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class PalpateError(Exception):
-    """Base of all errors that are the input's fault; the command line prints them in one line."""
+    """Base of all errors that are caused by the input; the command line prints them in one line."""
 
     def __str__(self) -> str:
-        """The message, in which what a file holds is not at length and no control characters."""
+        """The message, shortened and without control characters, since it may quote what a file holds."""
         text = printable(super().__str__())
         return text if len(text) <= 1600 else f"{text[:800]} ... {text[-400:]}"
 
@@ -20,11 +21,11 @@ class FileError(PalpateError):
 
 
 class ShapeError(PalpateError):
-    """An outline that is no outline: it crosses itself, has no area, or has a wrong size."""
+    """An outline that cannot be used: it crosses itself, has no area, or has a wrong size."""
 
 
 class SettingError(PalpateError):
-    """A setting or option with a value that is not allowed, or input that a setting needs and lacks."""
+    """A setting or option with a value that is not allowed, or that needs input which is missing."""
 
 
 class EstimationError(PalpateError):
@@ -34,15 +35,16 @@ class EstimationError(PalpateError):
 class FrameError(EstimationError):
     """A frame cannot be used and is left out: later estimates are the same as if it had not come.
 
-    Only if a pose is refused because it jumps in a contact, what its image showed of the gel is kept.
+    There is one exception: if its pose is refused because it jumps in a contact, its image still counts as one of the
+    gel.
     """
 
 
 def printable(text: str) -> str:
-    r"""Return the text with characters that are not to reach a terminal written as Python does, such as \x1b."""
-    return _UNPRINTABLE.sub(lambda found: ascii(found[0])[1:-1], text)
+    r"""Return the text with characters that must not reach a terminal written as escapes, such as \x1b."""
+    return _UNPRINTABLE.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def one_line(error: BaseException) -> str:
-    """Return the message of an error of a library as one short line."""
+    """Return the message of a library's error as one short line."""
     return " ".join(str(error).split())[:200] or type(error).__name__

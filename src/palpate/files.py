@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and text files with one sentence on damage."""
+"""Files that are written whole or not at all, and reading of text files with one sentence on damage."""
 
 import csv
 import gzip
@@ -66,7 +66,7 @@ def whole_file(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def in_file(path: Path | str) -> Iterator[None]:
-    """Name a file, or a part of one, in errors on what was read from it, where they do not yet; all are FileErrors."""
+    """Name a file, or a part of one, in errors of the block, unless they begin with it; all become FileErrors."""
     try:
         yield
     except PalpateError as error:
@@ -75,7 +75,7 @@ def in_file(path: Path | str) -> Iterator[None]:
 
 
 def begins_with(path: Path, first: bytes) -> bool:
-    """Return true if there is a file that begins with these bytes."""
+    """Return true if there is a file at the path, and it begins with these bytes."""
     with suppress(OSError), path.open("rb") as file:
         return file.read(len(first)) == first
     return False
@@ -92,7 +92,8 @@ def read_text(path: Path | str, most: int = 100_000_000) -> str:
     path = existing_file(path)
     try:
         data = unpacked(path, most + 1)
-        text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")  # without the mark
+        is_utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+        text = data.decode("utf-16" if is_utf16 else "utf-8-sig")  # both drop the byte order mark
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise FileError(f"{path}: is truncated or damaged ({error})") from error
     except OSError as error:
@@ -120,7 +121,7 @@ def counting_order(path: Path | str) -> list[int | str]:
 
 
 def numbers_of(words: Iterable[str]) -> list[float] | None:
-    """Return words as numbers; None if one is no finite number."""
+    """Return words as numbers; None if any is not a finite number."""
     try:
         numbers = [float(word) for word in words]
     except ValueError:
@@ -131,50 +132,68 @@ def numbers_of(words: Iterable[str]) -> list[float] | None:
 def table_rows(text: str, path: Path | str, sample: str = "") -> list[tuple[int, list[str]]]:
     """Return the rows of a table that are not blank, each with its line; errors name `path`. Raises FileError.
 
-    Semicolons, tabs, commas or blanks are between columns, as the text or a sample of it shows; numbers may have
-    decimal commas, between commas only in quotes.
+    Columns are separated by semicolons, tabs, commas or blanks, as the text or a sample of it shows. Numbers may have
+    decimal commas; in a table whose columns are separated by commas, only in quotes.
     """
     lines = [line.strip(" ") for line in text.splitlines(keepends=True)]
     separator = next((mark for mark in ";\t," if mark in (sample or text)), " ")
-    if separator == "," and not sample and all(re.fullmatch(r"[^,]*|\S*\d(\s+\S*\d)+\s*", line) for line in lines):
-        separator = " "  # the commas are decimal
+    if separator == "," and not sample and all(_DECIMAL_COMMAS.fullmatch(line) for line in lines):
+        separator = " "
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    rows: list[tuple[int, list[str]]] = []
     try:
-        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
+        for row in reader:
+            if any(map(str.strip, row)):
+                rows.append((reader.line_num, [_with_decimal_point(cell.strip()) for cell in row]))
     except csv.Error as error:
         raise FileError(f"{path}: is no table ({error})") from error
-    return [
-        (line, [re.sub(r"^([-+]?\d*),(\d+([eE][-+]?\d+)?)$", r"\1.\2", cell) for cell in row]) for line, row in rows
-    ]
+    return rows
+
+
+_DECIMAL_COMMAS = re.compile(r"[^,]*|\S*\d(\s+\S*\d)+\s*")
+"""A line in which commas, if any, are decimal, as it has several numbers that blanks separate."""
+
+
+def _with_decimal_point(cell: str) -> str:
+    """Return a cell; if it is a number with a decimal comma, with a point."""
+    return re.sub(r"^([-+]?\d*),(\d+([eE][-+]?\d+)?)$", r"\1.\2", cell)
 
 
 def column_name(written: str) -> str:
-    """Return the name of a column in lower case, with underscores for blanks and brackets: angle_deg of Angle (deg)."""
+    """Return a column's name in lower case, with underscores for blanks and brackets: angle_deg for Angle (deg)."""
     return re.sub(r"[^a-z0-9]+", "_", written.lower()).strip("_")
 
 
 def read_table(path: Path | str, needed: Sequence[str], optional: Sequence[str] = ()) -> list[tuple[int, list[str]]]:
-    """Return these columns of a table with a header, row by row with its line; cells of absent optional ones are "".
+    """Return these columns of a table, row by row with its line; cells of optional columns that are absent are "".
 
-    Raises FileError where one is missing, and where another may be meant by the optional ones, none of which is there.
+    Raises FileError if a needed column is missing, or if there is no optional column but an unknown one, which may be
+    an optional one by another name.
     """
     text = re.sub(r"\Asep=.", "", read_text(path))  # as Excel writes
-    (_, header), *rows = table_rows(text, path, text.strip().partition("\n")[0]) or [(1, [])]
-    names, wanted = [column_name(cell) for cell in header], [*needed, *optional]
-    is_other = not set(names) <= set(wanted) and bool(optional) and set(names).isdisjoint(optional)
-    if is_other or not set(needed) <= set(names) or len(set(names)) < len(names):
-        expected = ", ".join(needed) + f" and {' or '.join(optional)}, which may be missing" * bool(optional)
+    first_line = text.strip().partition("\n")[0]
+    (_, header), *rows = table_rows(text, path, first_line) or [(1, [])]
+    names = [column_name(cell) for cell in header]
+    wanted = [*needed, *optional]
+    has_others = not set(names) <= set(wanted)
+    may_mean_optional = has_others and bool(optional) and set(names).isdisjoint(optional)
+    if may_mean_optional or not set(needed) <= set(names) or len(set(names)) < len(names):
+        expected = ", ".join(needed)
+        if optional:
+            expected += f" and {' or '.join(optional)}, which may be missing"
         raise FileError(f"{path}: found the columns {', '.join(header) or 'of no table'}; expected {expected}")
     for line, row in rows:
         if len(row) != len(header):
-            found = f"{path}: line {line}: found {','.join(row)[:80]!r}"
-            raise FileError(f"{found}, expected {len(header)} columns: {', '.join(header)}")
-    places = [names.index(name) if name in names else -1 for name in wanted]
-    return [(line, ["" if place < 0 else row[place] for place in places]) for line, row in rows]
+            raise FileError(
+                f"{path}: line {line}: found {','.join(row)[:80]!r}, expected {len(header)} columns: "
+                f"{', '.join(header)}"
+            )
+    columns = [names.index(name) if name in names else None for name in wanted]
+    return [(line, ["" if column is None else row[column] for column in columns]) for line, row in rows]
 
 
 def json_object(text: str | bytes, name: str) -> dict[str, Any]:
-    """Return the JSON object that a text holds; errors name it `name`. Raises FileError."""
+    """Return the JSON object in a text, which errors call `name`. Raises FileError."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError) as error:

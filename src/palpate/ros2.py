@@ -29,8 +29,10 @@ from palpate.types.images import AS_IT_IS, camera_view, decode_image
 from palpate.types.sensor import DIGIT
 from palpate.types.space import GelPoses
 
-IMAGES, SENSOR_POSES = "image", "sensor_pose"
-"""Topics that the node subscribes to; users remap them."""
+IMAGES = "image"
+"""Topic of the touch images; users remap it."""
+SENSOR_POSES = "sensor_pose"
+"""Topic of the sensor's poses; users remap it."""
 TOPICS = {
     POSES: ros.POSE,
     POSES_WITH_COVARIANCE: ros.POSE_WITH_COVARIANCE,
@@ -52,18 +54,21 @@ def main(arguments: Sequence[str]) -> int:
 
 def run(node: Any, stop: threading.Event) -> None:
     """Track until the event is set. Raises PalpateError if parameters, topics or images are unusable."""
-    shape, first_pose = _parameter(node, "shape"), _parameter(node, "first_pose")
+    shape = _parameter(node, "shape")
+    first_pose = _parameter(node, "first_pose")
     if shape is None or first_pose is None:
         raise SettingError(
             "the object is not known: the parameters shape and first_pose say it, "
             "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
         )
-    sigma, unit = _parameter(node, "first_pose_sigma"), _parameter(node, "calibration")
+    sigma = _parameter(node, "first_pose_sigma")
+    unit = _parameter(node, "calibration")
     settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
     calibration = None if unit is None else load_calibration(str(unit))
-    outline, topics = load_shape(str(shape)), Topics(node)
-    known: Any = {"calibration": calibration, "first_pose_sigma": sigma, "is_view_known": topics.view.is_stated}
-    tracker = Tracker(outline, DIGIT, first_pose, settings, **known)
+    outline = load_shape(str(shape))
+    topics = Topics(node)
+    options: Any = {"calibration": calibration, "first_pose_sigma": sigma, "is_view_known": topics.view.is_stated}
+    tracker = Tracker(outline, DIGIT, first_pose, settings, **options)
     sources = Sources(topics.images, topics.poses, topics.now, DIGIT, topics.placement.time_offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))
@@ -74,7 +79,7 @@ def run(node: Any, stop: threading.Event) -> None:
 def ros_node(arguments: Sequence[str]) -> Iterator[Any]:
     """Join ROS as a node, served by a thread of its own, while the block runs.
 
-    It keeps to this machine unless the environment says otherwise. Raises SettingError without rclpy.
+    It is visible on this machine only, unless the environment says otherwise. Raises SettingError without rclpy.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     try:
@@ -112,16 +117,19 @@ def _parameter(node: Any, name: str) -> Any:
 class Topics:
     """The topics of a session: images and sensor poses come in, estimates go out.
 
-    The node's parameters say how images lie, where the gel is in the frame whose poses are published, and the normal of
-    the plane through the first pose, into which poses are projected. Topics /palpate/... are those of the node, under
-    any name of it.
+    The node's parameters are the orientation of images, the pose of the gel in the frame whose poses are published, and
+    the normal of the plane through the first pose, into which poses are projected. Topics /palpate/... are published
+    below the name of the node, whatever that is.
     """
 
     def __init__(self, node: Any) -> None:
         """Take the node. Raises SettingError if a parameter is unusable."""
-        given = {name: value for name in ("sensor_T_gel", "time_offset", "plane") if (value := _parameter(node, name))}
-        self.placement = Placement(str(_parameter(node, "orientation") or ""), **given)
-        self._node, self._place, self.view = node, GelPoses(self.placement), camera_view(self.placement.orientation)
+        given: dict[str, Any] = {name: _parameter(node, name) for name in ("sensor_T_gel", "time_offset", "plane")}
+        stated = {name: value for name, value in given.items() if value}
+        self.placement = Placement(str(_parameter(node, "orientation") or ""), **stated)
+        self.view = camera_view(self.placement.orientation)
+        self._gel_poses = GelPoses(self.placement)
+        self._node = node
         self._clock = node.get_clock()
         self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
         self.images = partial(self._messages, IMAGES, ros.IMAGE_TYPES, self._image)
@@ -146,10 +154,13 @@ class Topics:
         """
         topic = self._node.resolve_topic_name(topic)
         yield f"waiting for {topic}, of type {' or '.join(types)}"
-        while not (publishers := self._node.get_publishers_info_by_topic(topic)):
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        while not publishers:
             if stop.wait(0.05):
                 return
-        type_, waiting = publishers[0].topic_type, SimpleQueue[Any]()
+            publishers = self._node.get_publishers_info_by_topic(topic)
+        waiting: SimpleQueue[Any] = SimpleQueue()
+        type_ = publishers[0].topic_type
         if type_ not in types:
             raise SettingError(f"topic {topic} has messages of type {type_}, allowed are {', '.join(types)}")
         qos = import_module("rclpy.qos").QoSProfile(depth=100, reliability=publishers[0].qos_profile.reliability)
@@ -166,7 +177,7 @@ class Topics:
 
     def _pose(self, message: Any) -> TimedPose | FrameError:
         (pose,) = ros.poses_of(message)
-        return checked_pose(self._time_of(message), pose.numbers, self.now(), self._place, pose.frame)
+        return checked_pose(self._time_of(message), pose.numbers, self.now(), self._gel_poses, pose.frame)
 
     def _time_of(self, message: Any) -> float:
         """Return the time of a message's stamp [s], or that of its arrival if it has none."""
@@ -175,11 +186,13 @@ class Topics:
 
     def publish(self, counts: Mapping[str, int], item: TouchImage | TimedPose | Estimate) -> None:
         """Publish an estimate, with the session's counts in its diagnostics."""
-        if isinstance(item, Estimate) and (plane := self._place.plane):
-            stamp = self._start + round(item.time * 1e9)
-            words = {name.replace("_", " "): str(count) for name, count in counts.items()}
-            for topic, message in estimate_messages(plane, stamp, item, words).items():
-                self._publishers[topic].publish(ros.serialized(message))  # rclpy takes bytes, too
+        plane = self._gel_poses.plane
+        if not isinstance(item, Estimate) or plane is None:
+            return
+        stamp = self._start + round(item.time * 1e9)
+        words = {name.replace("_", " "): str(count) for name, count in counts.items()}
+        for topic, message in estimate_messages(plane, stamp, item, words).items():
+            self._publishers[topic].publish(ros.serialized(message))  # rclpy takes bytes, too
 
 
 @cache

@@ -18,7 +18,7 @@ class Report:
     data: dict[str, Any]
     """The JSON object of the command."""
     shown: dict[str, Any] | None = None
-    """Content of its tables, by default the same."""
+    """Content of its tables, by default that of the JSON object."""
     notes: Sequence[str] = ()
     """Lines below the tables."""
     code: int = 0
@@ -29,26 +29,32 @@ class Report:
         if as_json:
             print(json.dumps(self.data, indent=2, allow_nan=False))
             return
-        tables: dict[str, list[list[str]]] = {self.title: []}
-        for key, value in (self.data if self.shown is None else self.shown).items():
-            rows = dict(enumerate(value)) if isinstance(value, list) else value
-            if not (isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())):
-                tables[self.title].append([key, cell(value)])
-                continue
-            columns = list(dict.fromkeys(name for row in rows.values() for name in row))
-            first = [[str(name), *(cell(row.get(column)) for column in columns)] for name, row in rows.items()][:20]
-            tables[f"{key}: the first 20 of {len(rows)}" if len(rows) > 20 else key] = [["", *columns], *first]
-        for title, rows in tables.items():
+        for title, rows in self._tables().items():
             widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
             lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
             print("", printable(title), *map(printable, lines), sep="\n")
         print("", *map(printable, self.notes), sep="\n")
 
+    def _tables(self) -> dict[str, list[list[str]]]:
+        """Return rows of cells by the title of their table; the first table is that of single values."""
+        values: list[list[str]] = []
+        tables = {self.title: values}
+        for key, value in (self.data if self.shown is None else self.shown).items():
+            rows = dict(enumerate(value)) if isinstance(value, list) else value
+            if not (isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())):
+                values.append([key, cell(value)])
+                continue
+            columns = list(dict.fromkeys(name for row in rows.values() for name in row))
+            lines = [[str(name), *(cell(row.get(column)) for column in columns)] for name, row in rows.items()]
+            title = f"{key}: the first 20 of {len(rows)}" if len(rows) > 20 else key
+            tables[title] = [["", *columns], *lines[:20]]
+        return tables
+
 
 def cell(value: Any) -> str:
     """Return a value for a table: numbers with three digits, a dash for None."""
     if isinstance(value, dict):
-        return ", ".join(f"{name} {cell(each)}" for name, each in value.items()) or "-"
+        return ", ".join(f"{name} {cell(item)}" for name, item in value.items()) or "-"
     if isinstance(value, list | tuple):
         return f"{len(value)}" if len(value) > 20 else ", ".join(map(cell, value)) or "-"
     if isinstance(value, bool):
@@ -65,9 +71,9 @@ def complain(error: Exception | str) -> None:
 
 @contextmanager
 def progress_bar(title: str, total: int | None = None) -> Iterator[Callable[..., None]]:
-    """Show a bar on standard error while the block runs; nothing where that is no terminal, even with FORCE_COLOR.
+    """Show a bar on standard error while the block runs, but only if that is a terminal, even with FORCE_COLOR.
 
-    Yields a function that takes the number done, and maybe a note.
+    Yields a function that takes the number done, and optionally a note.
     """
     if not sys.stderr.isatty():
         yield lambda done, note="": None

@@ -9,13 +9,12 @@ import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import tyro
 
 from palpate import __version__
-from palpate.cli.commands import find_command, installed_commands
-from palpate.cli.console import complain
+from palpate.cli.commands import Command, find_command, installed_commands
+from palpate.cli.console import Report, complain
 from palpate.errors import PalpateError, printable
 
 DESCRIPTION = (
@@ -24,6 +23,7 @@ DESCRIPTION = (
 )
 FOR_ALL = "With --json it prints one JSON object; with --debug, an error shows its traceback."
 """Options of every command."""
+_CONFIG = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -31,45 +31,30 @@ def main(args: Sequence[str] | None = None) -> int:
 
     Raises SystemExit(2) on bad usage.
     """
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by the shell
-            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+    _open_closed_streams()
     words = list(sys.argv[1:] if args is None else args)
     if args is None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a cancelled job leaves files in order, as Ctrl-C
-    debug, as_json = "--debug" in words, "--json" in words
+    debug = "--debug" in words
+    as_json = "--json" in words
     words = [word for word in words if word not in ("--debug", "--json")]
     if words == ["--version"]:
         print(f"palpate {__version__}")
         return 0
-    log = logging.StreamHandler()
-    log.format = lambda record: printable(f"palpate: {record.getMessage()}")
-    logging.basicConfig(handlers=[log], level=logging.WARNING)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
-    # A step's arrays are too small to be shared between threads, and what imports make is no garbage.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
-    os.environ["MPLBACKEND"] = "agg"  # figures go to files, and that of a notebook is not installed everywhere
-    gc.set_threshold(100_000, 20, 20)
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
+    _set_up_process()
     if words[:1] in ([], ["help"]):
         words = [*words[1:2], "--help"]
-    command: Any = None
+    command: Command | None = None
     try:
-        if words[0].startswith("-"):  # one command alone is quicker, since options of all take a tenth of a second
-            tyro.extras.subcommand_cli_from_dict(
-                installed_commands(), prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=config
-            )
+        if words[0].startswith("-"):
+            _show_help(words)
         command = find_command(words[0])
-        about = f"{inspect.cleandoc(command.__doc__).partition('Args:')[0]}{FOR_ALL}"
-        made = tyro.cli(command, prog=f"palpate {words[0]}", description=about, args=words[1:], config=config)
-        made.print(as_json)
+        report = _run(command, words)
+        report.print(as_json)
         sys.stdout.flush()
-        return made.code
+        return report.code
     except KeyboardInterrupt as stop:
-        can_resume = command is not None and "resume" in inspect.signature(command).parameters
-        hint = str(stop) or ("--resume goes on" if can_resume else "")
+        hint = str(stop) or _way_to_go_on(command)
         complain(f"stopped; {hint}" if hint else "stopped")
         return 130
     except BrokenPipeError:  # the reader, such as `head`, has ended
@@ -80,6 +65,47 @@ def main(args: Sequence[str] | None = None) -> int:
             raise
         complain(error)
         return 2
+
+
+def _open_closed_streams() -> None:
+    """Replace standard output and error, where the shell has closed them, by the null device."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
+
+
+def _set_up_process() -> None:
+    """Set up logging, output, threads and the garbage collector for a command."""
+    log = logging.StreamHandler()
+    log.format = lambda record: printable(f"palpate: {record.getMessage()}")
+    logging.basicConfig(handlers=[log], level=logging.WARNING)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
+    # The arrays of a step are too small to be shared between threads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+    os.environ["MPLBACKEND"] = "agg"  # figures go to files, and that of a notebook is not installed everywhere
+    gc.set_threshold(100_000, 20, 20)  # imports make many objects, none of them garbage
+
+
+def _show_help(words: Sequence[str]) -> None:
+    """Show the help of all commands and raise SystemExit. It takes a tenth of a second more than that of one."""
+    tyro.extras.subcommand_cli_from_dict(
+        installed_commands(), prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=_CONFIG
+    )
+
+
+def _run(command: Command, words: Sequence[str]) -> Report:
+    """Run a command with words that begin with its name. Raises SystemExit for help and on bad usage."""
+    description = f"{inspect.cleandoc(command.__doc__ or '').partition('Args:')[0]}{FOR_ALL}"
+    return tyro.cli(command, prog=f"palpate {words[0]}", description=description, args=words[1:], config=_CONFIG)
+
+
+def _way_to_go_on(command: Command | None) -> str:
+    """Return words on how a command goes on after Ctrl-C, or ""."""
+    if command is not None and "resume" in inspect.signature(command).parameters:
+        return "--resume goes on"
+    return ""
 
 
 if __name__ == "__main__":

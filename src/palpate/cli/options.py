@@ -31,7 +31,7 @@ NOISE = "palpate|FILE"
 
 
 def arg(metavar: str | None = None, default: str | None = None, *, help: str | None = None, **more: Any) -> Any:
-    """Return tyro's argument with a metavar and, where the default is not a plain value, words for it.
+    """Return tyro's argument with a metavar and, if the default is not a plain value, words that describe it.
 
     `help` is for texts of several lines; tyro takes a shorter one from the docstring under the field.
     """
@@ -152,12 +152,15 @@ class Bag:
         orientation = self.choices.orientation
         if self.shape is None and self != Bag(choices=BagChoices(orientation)):
             raise SettingError("--sensor, --images and the other options for bags need --shape, too")
-        if self.shape is None or (kind := detect_format(file)) is None:  # which says what is wrong with the file
+        if self.shape is None:
+            return palpate.BagReading(palpate.load_recording(file, orientation), flat())
+        kind = detect_format(file)
+        if kind is None:  # reading it raises an error that says what is wrong with the file
             return palpate.BagReading(palpate.load_recording(file, orientation), flat())
         if kind != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
-        shape, sensor = palpate.load_shape(self.shape, self.shape_unit), known_sensor(self.sensor)
-        return palpate.read_bag(file, shape, self.choices, sensor)
+        shape = palpate.load_shape(self.shape, self.shape_unit)
+        return palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
-"""`palpate info`, `convert` and `calibrate`: the content of files, other formats of it, and a sensor unit's."""
+"""`palpate info`, `convert` and `calibrate`: contents of files, conversion, and calibration of a sensor unit."""
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
+from functools import partial
 from itertools import repeat
 from math import degrees
 from pathlib import Path
@@ -28,7 +30,8 @@ def info(
     from palpate.io import detect_format
     from palpate.pipeline.check_recording import check_recording
 
-    if (summary := file / "summary.json").exists():
+    summary = file / "summary.json"
+    if summary.exists():
         return Report(file.name, {"file": str(file), "format": "run", **read_json(summary)})
     kind = detect_format(file)
     with progress_bar(f"inspecting {file.name}"):
@@ -63,17 +66,20 @@ def convert(
         raise SettingError(f"{target}: extension {target.suffix!r} is of no format to write, allowed is .mcap")
     new_file(target, force)
     with progress_bar(f"converting {source.name}"):
-        found = bag.read(source).recording
-        palpate.write_recording(found, target, overwrite=force)
-    return Report(target.name, {"in": str(source), "out": str(target), "frames": len(found)})
+        recording = bag.read(source).recording
+        palpate.write_recording(recording, target, overwrite=force)
+    return Report(target.name, {"in": str(source), "out": str(target), "frames": len(recording)})
 
 
 def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
     """Return a calibration as plain data; noise is that of cells of an untouched image over time [grey levels]."""
     import numpy as np
 
-    gel, direction = calibration.background, calibration.direction
-    (height, width), pitch = gel.mean.shape[:2], calibration.pixel_pitch
+    gel = calibration.background
+    direction = calibration.direction
+    pitch = calibration.pixel_pitch
+    height, width = gel.mean.shape[:2]
+    set_up = asdict(calibration.set_up) if calibration.set_up else {}
     return {
         "height": height,
         "width": width,
@@ -86,32 +92,36 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
         "offset_sigma_deg": degrees(direction.offset_sigma) if direction.offset_sigma is not None else None,
         "scale": direction.scale,
         "scale_sigma": direction.scale_sigma,
-        **({name: list(value) for name, value in asdict(calibration.set_up).items()} if calibration.set_up else {}),
+        **{name: list(value) for name, value in set_up.items()},
     }
 
 
 def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
-    """Return the topics of a bag, what tracking would read, and the command that does or why there is none."""
+    """Return the topics of a bag, what tracking would read, and the command for it or the reason why there is none."""
     from palpate.io.rosbag_reader import contents
     from palpate.io.rosbag_recording import recording_of
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import known_sensor
 
-    found, choices, profile = contents(path), palpate.BagChoices(orientation=orientation), known_sensor(sensor)
-    bag: dict[str, Any] = {"topics": [channel._asdict() | each.about() for channel, each in found.topics.items()]}
-    bag["frames"] = {child: " or ".join(stream.frames) for child, stream in found.transforms.items()}
+    bag = contents(path)
+    choices = palpate.BagChoices(orientation=orientation)
+    about: dict[str, Any] = {"topics": [channel._asdict() | stream.about() for channel, stream in bag.topics.items()]}
+    about["frames"] = {child: " or ".join(stream.frames) for child, stream in bag.transforms.items()}
+    profile = known_sensor(sensor)
     try:
-        recording = recording_of(found, palpate.Disc(0.05), choices, profile).recording
+        recording = recording_of(bag, palpate.Disc(0.05), choices, profile).recording
     except FileError as error:
-        return bag | {"advice": str(error)}
+        return about | {"advice": str(error)}
     damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
-    options = (f" --sensor {sensor}" if sensor != DEFAULT_SENSOR else "") + (
-        orientation and f" --orientation {orientation}"
-    )
-    return bag | {
+    options = ""
+    if sensor != DEFAULT_SENSOR:
+        options += f" --sensor {sensor}"
+    if orientation:
+        options += f" --orientation {orientation}"
+    return about | {
         "source": recording.source,
         "damaged_images": damaged,
-        "advice": f"palpate track {found.path}{options} --shape NAME|FILE --first-pose X Y THETA",
+        "advice": f"palpate track {bag.path}{options} --shape NAME|FILE --first-pose X Y THETA",
     }
 
 
@@ -147,66 +157,130 @@ def calibrate(
             images, the first half second of the first one is the untouched gel.
         model: Folder of the touch model that reads presses and pushes.
     """
-    from palpate.pipeline.figures import draw, push_figure
-    from palpate.pipeline.push_calibration import first_images, learn_from_pushes, read_push
-    from palpate.touch.background import background_of, is_moved
+    from palpate.pipeline.push_calibration import first_images
+    from palpate.touch.background import background_of
     from palpate.touch.calibration import write_calibration
-    from palpate.touch.cells import is_grey
-    from palpate.touch.pipeline import GREY
-    from palpate.touch.press_calibration import learn_from_presses, read_presses, with_ruler
     from palpate.touch.touch_model import shipped_model
-    from palpate.types.images import camera_view, fitted, read_image
-    from palpate.types.sensor import known_sensor
 
     if (file and untouched) or not (file or untouched or pushes):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
-    if out.suffix.lower() != ".npz":
-        raise SettingError(f"{out}: extension {out.suffix!r} is of no calibration, allowed is .npz")
-    for each in (out, *([out.with_suffix(".png")] if pushes else [])):
-        new_file(each, force)
-    pushed = [palpate.load_recording(each, orientation) for each in pushes]
+    figure = out.with_suffix(".png") if pushes else None
+    _check_outputs(out, figure, force)
+    pushed = [palpate.load_recording(path, orientation) for path in pushes]
     recorded = [palpate.load_recording(file, orientation)] if file else pushed
-    if len(names := sorted({each.sensor.name for each in (*recorded, *pushed)})) > 1:
-        raise SettingError(f"calibrate: the recordings are of several sensors, {', '.join(names)}; allowed is one")
-    profile = recorded[0].sensor if recorded else known_sensor(sensor)
-    size, view = (profile.image_height, profile.image_width), camera_view(orientation)
-
-    def look(path: Path) -> Any:
-        with in_file(path):
-            if is_grey(image := fitted(read_image(path), size, view)) and presses and model is None:
-                raise FileError(GREY)
-            return image
-
-    still = [look(each) for each in untouched] or list(first_images(recorded[0]))
-    for path, image in zip(untouched or repeat(file or pushes[0]), still, strict=False):
-        if is_moved(image, still[0]):
-            raise FileError(f"{path}: shows a touch, or another gel than the first image")
+    profile = _sensor_of([*recorded, *pushed], sensor)
+    look = partial(_image_of, profile, orientation, bool(presses) and model is None)
+    still = [look(path) for path in untouched] or list(first_images(recorded[0]))
+    _check_still(still, untouched or repeat(file or pushes[0]))
     reader: Any = palpate.TouchModel(model) if model else (presses or pushes) and shipped_model(profile.name)
     numbers: dict[str, Any] = {"file": file and str(file), "out": str(out), "untouched": len(still)}
+    notes: list[str] = []
     with in_file(file or (*untouched, *pushes)[0]):
         calibration = palpate.Calibration(background_of(still))
     if ruler:
-        length = numbers_of([ruler[0][:-2]]) if len(ruler) == 2 and ruler[0].endswith("mm") else None
-        if not (length and length[0] > 0.0):
-            raise SettingError(f"--ruler: found {' '.join(ruler)!r}; expected words such as 8mm caliper.png")
-        with in_file(ruler[1]):
-            calibration = with_ruler(calibration, look(Path(ruler[1])), 1e-3 * length[0], profile)
+        calibration = _by_ruler(ruler, look, calibration, profile)
     if presses:
-        pressed = read_presses(presses, look, profile)
-        with in_file(presses):
-            calibration, scatter = learn_from_presses(pressed, calibration, profile, reader)
-        numbers |= {"presses": len(pressed.images), "keeps_left_and_right": calibration.view.keeps_left_and_right}
-        numbers["scatter_deg"] = degrees(scatter)
-    notes = [] if presses is None else ["Presses find left and right only; up and down may be wrong."]
-    if pushed:
-        with progress_bar(f"fitting {len(pushed)} pushes"):
-            learnt = learn_from_pushes([read_push(each, reader, calibration) for each in pushed], calibration)
-        calibration, about = learnt.calibration, learnt.about()
-        numbers |= {"pushes": len(pushed), "misfit": learnt.misfit, "robot": about}
-        unknown = [name for name, row in about.items() if row["sigma"] > 0.9 * row["sigma_before"]]
-        notes += [f"These pushes do not show: {', '.join(unknown)}."] if unknown else []
-        draw(out.with_suffix(".png"), lambda file: push_figure(learnt).savefig(file, format="png", dpi=120))
+        calibration, of_presses = _by_presses(presses, look, calibration, profile, reader)
+        numbers |= of_presses
+        notes.append("Presses find left and right only; up and down may be wrong.")
+    if figure:
+        calibration, of_pushes, unknown = _by_pushes(pushed, calibration, reader, figure)
+        numbers |= of_pushes
+        if unknown:
+            notes.append(f"These pushes do not show: {', '.join(unknown)}.")
     write_calibration(calibration, out, overwrite=force)
     if presses and not calibration.view.keeps_left_and_right:
-        notes += ["Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y."]
+        notes.append("Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y.")
     return Report("calibration", numbers | about_calibration(calibration), notes=notes)
+
+
+def _check_outputs(out: Path, figure: Path | None, force: bool) -> None:
+    """Raise PalpateError unless the files of a calibration can be written."""
+    if out.suffix.lower() != ".npz":
+        raise SettingError(f"{out}: extension {out.suffix!r} is of no calibration, allowed is .npz")
+    new_file(out, force)
+    if figure:
+        new_file(figure, force)
+
+
+def _sensor_of(recordings: Sequence["palpate.Recording"], name: str) -> "palpate.SensorProfile":
+    """Return the one sensor of recordings or, without any, that of a name. Raises SettingError if there are several."""
+    from palpate.types.sensor import known_sensor
+
+    if not recordings:
+        return known_sensor(name)
+    names = sorted({recording.sensor.name for recording in recordings})
+    if len(names) > 1:
+        raise SettingError(f"calibrate: the recordings are of several sensors, {', '.join(names)}; allowed is one")
+    return recordings[0].sensor
+
+
+def _image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours: bool, path: Path) -> Any:
+    """Return the image in a file as the profile has it. Raises FileError, also if it lacks the colours it needs."""
+    from palpate.touch.cells import is_grey
+    from palpate.touch.pipeline import GREY
+    from palpate.types.images import camera_view, fitted, read_image
+
+    size = (profile.image_height, profile.image_width)
+    view = camera_view(orientation)
+    with in_file(path):
+        image = fitted(read_image(path), size, view)
+        if needs_colours and is_grey(image):
+            raise FileError(GREY)
+        return image
+
+
+def _check_still(images: Sequence[Any], paths: Iterable[Path]) -> None:
+    """Raise FileError, which names the path, if an image of the untouched gel differs from the first."""
+    from palpate.touch.background import is_moved
+
+    for path, image in zip(paths, images, strict=False):
+        if is_moved(image, images[0]):
+            raise FileError(f"{path}: shows a touch, or another gel than the first image")
+
+
+def _by_ruler(
+    words: Sequence[str], look: Callable[[Path], Any], calibration: "palpate.Calibration", profile: Any
+) -> "palpate.Calibration":
+    """Return a calibration with the pixel pitch by a ruler, whose length and image are the words of --ruler."""
+    from palpate.touch.press_calibration import with_ruler
+
+    millimetres = numbers_of([words[0][:-2]]) if len(words) == 2 and words[0].endswith("mm") else None
+    if not millimetres or millimetres[0] <= 0.0:
+        raise SettingError(f"--ruler: found {' '.join(words)!r}; expected words such as 8mm caliper.png")
+    with in_file(words[1]):
+        return with_ruler(calibration, look(Path(words[1])), 1e-3 * millimetres[0], profile)
+
+
+def _by_presses(
+    path: Path, look: Callable[[Path], Any], calibration: "palpate.Calibration", profile: Any, model: Any
+) -> tuple["palpate.Calibration", dict[str, Any]]:
+    """Return a calibration by presses in a table, and its numbers for people."""
+    from palpate.touch.press_calibration import learn_from_presses, read_presses
+
+    pressed = read_presses(path, look, profile)
+    with in_file(path):
+        calibration, scatter = learn_from_presses(pressed, calibration, profile, model)
+    return calibration, {
+        "presses": len(pressed.images),
+        "keeps_left_and_right": calibration.view.keeps_left_and_right,
+        "scatter_deg": degrees(scatter),
+    }
+
+
+def _by_pushes(
+    recordings: Sequence["palpate.Recording"], calibration: "palpate.Calibration", model: Any, figure: Path
+) -> tuple["palpate.Calibration", dict[str, Any], list[str]]:
+    """Return a calibration by pushes, its numbers for people, and the names of those that pushes do not show.
+
+    Writes a figure of them.
+    """
+    from palpate.pipeline.figures import draw, push_figure
+    from palpate.pipeline.push_calibration import learn_from_pushes, read_push
+
+    with progress_bar(f"fitting {len(recordings)} pushes"):
+        fit = learn_from_pushes([read_push(recording, model, calibration) for recording in recordings], calibration)
+    about = fit.about()
+    unknown = [name for name, row in about.items() if row["sigma"] > 0.9 * row["sigma_before"]]
+    draw(figure, lambda file: push_figure(fit).savefig(file, format="png", dpi=120))
+    return fit.calibration, {"pushes": len(recordings), "misfit": fit.misfit, "robot": about}, unknown

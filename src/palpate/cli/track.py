@@ -1,10 +1,11 @@
 """`palpate track`, `live` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
 import webbrowser
+from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
@@ -12,6 +13,9 @@ from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg
 from palpate.errors import PalpateError, SettingError
 from palpate.files import new_file
 from palpate.types.choices import BagChoices, Placement
+
+if TYPE_CHECKING:
+    from palpate.live.sources import Sources
 
 SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
 """Columns of the table of several runs."""
@@ -42,53 +46,90 @@ def track(
         html: Write a page that shows the push in any browser, page.html.
         view: Write this page and open it.
     """
+    from palpate.pipeline.run_folder import PAGE
+
+    if not files:
+        raise SettingError("track takes a recording or several: palpate track FILE ...")
+    settings = estimator.settings(touch.tactile)
+    first_pose, sigma = start.pose_and_sigma()
+    model, unit = touch.load(touch.tactile)
+    tracking: dict[str, Any] = {
+        "settings": settings,
+        "first_pose": first_pose,
+        "first_pose_sigma": sigma,
+        "model": model,
+        "calibration": unit,
+    }
+    runs: dict[Path, dict[str, Any]] = {}
+    for file in files:
+        folder = _folder_of(file, out, is_only=len(files) == 1)
+        may_replace = force and folder not in runs
+        try:
+            runs[folder] = _track_file(file, folder, bag, tracking, _Output(mcap, html or view, may_replace))
+        except PalpateError as error:
+            if len(files) == 1:
+                raise
+            complain(f"{file}: {str(error).removeprefix(f'{file}: ')}")
+    if view:
+        _open_pages([folder / PAGE for folder in runs])
+    if len(files) == 1:
+        return run_report(*runs.popitem())
+    shown = {str(folder): {key: summary[key] for key in SHOWN} for folder, summary in runs.items()}
+    data = {"runs": {str(folder): summary for folder, summary in runs.items()}}
+    return Report("runs", data, {"runs": shown}, code=3 if len(runs) < len(files) else 0)
+
+
+@dataclass(frozen=True)
+class _Output:
+    """Files of a run that are asked for."""
+
+    mcap: bool
+    """Estimates as messages."""
+    page: bool
+    """The page of the run."""
+    may_replace: bool
+    """An earlier run in the folder is replaced."""
+
+
+def _folder_of(file: Path, out: Path | None, is_only: bool) -> Path:
+    """Return the folder for the run of a file, the only one or one of several."""
+    if out and is_only:
+        return out
+    name = (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
+    return (out or Path("runs")) / name
+
+
+def _track_file(file: Path, folder: Path, bag: Bag, tracking: dict[str, Any], output: _Output) -> dict[str, Any]:
+    """Track a file into a folder and return the summary; `tracking` are the arguments of `palpate.track`."""
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import draw
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
     from palpate.pipeline.track import kept_warnings
     from palpate.viewer.page import write_page
 
-    if not files:
-        raise SettingError("track takes a recording or several: palpate track FILE ...")
-    settings, has_page = estimator.settings(touch.tactile), html or view
-    first_pose, sigma = start.pose_and_sigma()
-    model, unit = touch.load(touch.tactile)
-    known: Any = {"first_pose_sigma": sigma, "model": model, "calibration": unit}
-    runs: dict[Path, dict[str, Any]] = {}
-    for file in files:
-        name = (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
-        folder = out if out and len(files) == 1 else (out or Path("runs")) / name
-        try:
-            with new_run(folder, force and folder not in runs) as part:
-                with kept_warnings() as said:
-                    recording, plane = bag.read(file)
-                if mcap:
-                    nanoseconds(file, recording.time)  # raises before tracking where they cannot be stamps
+    with new_run(folder, output.may_replace) as part:
+        with kept_warnings() as warnings:
+            recording, plane = bag.read(file)
+        if output.mcap:
+            nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 
-                def keep(
-                    run: "palpate.Run", part: Path = part, plane: Any = plane if mcap else None, said: Any = said
-                ) -> None:
-                    run.summary["warnings"][:0] = said
-                    if has_page:
-                        draw(part / PAGE, lambda page: write_page(run, page))
-                    write_files(run, part, plane)
+        def keep(run: "palpate.Run") -> None:
+            run.summary["warnings"][:0] = warnings
+            if output.page:
+                draw(part / PAGE, lambda page: write_page(run, page))
+            write_files(run, part, plane if output.mcap else None)
 
-                with progress_bar(file.name, len(recording)) as progress:
-                    run = palpate.track(recording, settings, first_pose, **known, progress=progress, keep=keep)
-                keep(run)
-            runs[folder] = run.summary
-        except PalpateError as error:
-            if len(files) == 1:
-                raise
-            complain(f"{file}: {str(error).removeprefix(f'{file}: ')}")
-    for page in [folder / PAGE for folder in runs if view]:
-        if page.exists():  # one that could not be drawn was warned of
+        with progress_bar(file.name, len(recording)) as progress:
+            run = palpate.track(recording, **tracking, progress=progress, keep=keep)
+        keep(run)
+    return run.summary
+
+
+def _open_pages(pages: Sequence[Path]) -> None:
+    """Open pages in the browser, but for those that could not be drawn, for which there was a warning."""
+    for page in pages:
+        if page.exists():
             webbrowser.open(page.resolve().as_uri())
-    if len(files) == 1:
-        return run_report(*runs.popitem())
-    shown = {str(folder): {key: summary[key] for key in SHOWN} for folder, summary in runs.items()}
-    data = {"runs": {str(folder): summary for folder, summary in runs.items()}}
-    return Report("runs", data, {"runs": shown}, code=3 if len(runs) < len(files) else 0)
 
 
 def run_report(folder: Path, summary: dict[str, Any], *notes: str) -> Report:
@@ -100,13 +141,14 @@ def run_report(folder: Path, summary: dict[str, Any], *notes: str) -> Report:
 
 
 def warm_up() -> Report:
-    """Compile what tracking needs and keep it, such as while a container image is built.
+    """Compile what tracking needs and keep it, for example while a container image is built.
 
     Example: palpate warm-up
     """
     from palpate.models.pushing.compiled import PUSHING
 
-    if not (folder := PUSHING.improve._cache.cache_path):  # pyright: ignore[reportFunctionMemberAccess]
+    folder = PUSHING.improve._cache.cache_path  # pyright: ignore[reportFunctionMemberAccess]
+    if not folder:
         raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
     palpate.Tracker(palpate.Disc(0.05), palpate.DIGIT, None, palpate.TrackerSettings("learnt"))
     return Report("compiled code", {"folder": str(folder)})
@@ -137,11 +179,8 @@ def live(
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
         seconds: End after this time [s].
     """
-    from palpate.live.camera import camera_sources
     from palpate.live.session import LiveSession, recorder, stop_on_signals
-    from palpate.live.sources import replayed
     from palpate.pipeline.metrics import pose_words, world_sigma
-    from palpate.pipeline.track import first_pose_of
 
     if touch.tactile == "oracle":
         raise SettingError("--tactile oracle needs ground truth, which is unknown live")
@@ -151,33 +190,20 @@ def live(
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
     if record:
         new_file(record, force)
-    first: Any
-    first, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
     with ExitStack() as stack:
-        if camera and poses:
-            if bag.shape is None or first is None:
-                raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
-            placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
-            if bag != Bag(bag.shape, bag.shape_unit, choices=BagChoices(**placement)):
-                words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
-                raise SettingError(f"--camera: of the options for bags, only {words} apply")
-            name, shape = f"camera {camera}", palpate.load_shape(bag.shape, bag.shape_unit)
-            with progress_bar("looking for images and poses"):
-                opened = camera_sources(camera, poses, palpate.DIGIT, bag.choices)
-                sources = stack.enter_context(opened)
+        if replay is None:
+            setting = _live_setting(stack, str(camera), str(poses), start, bag)
         else:
-            assert replay is not None
-            name, recording = replay.name, bag.read(replay).recording
-            shape, sources = recording.shape, replayed(recording)
-            first, sigma = first_pose_of(recording, palpate.NoiseSettings(), first, sigma)
+            setting = _replay_setting(replay, start, bag)
+        sources = setting.sources
         settings = palpate.TrackerSettings(touch.tactile)
-        known: Any = {"first_pose_sigma": sigma, "is_view_known": sources.is_view_known}
-        tracker = palpate.Tracker(shape, sources.sensor, first, settings, model, unit, **known)
-        keep = record and stack.enter_context(recorder(record, shape, sources, force))
+        options: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
+        tracker = palpate.Tracker(setting.shape, sources.sensor, setting.first_pose, settings, model, unit, **options)
+        keep = record and stack.enter_context(recorder(record, setting.shape, sources, force))
         stop = stack.enter_context(stop_on_signals())
         session = LiveSession(tracker, sources, complain)
-        bar = stack.enter_context(progress_bar(name))
+        bar = stack.enter_context(progress_bar(setting.name))
 
         def listen(item: Any) -> None:
             if keep:
@@ -188,3 +214,46 @@ def live(
 
         session.run(stop, listen, float("inf") if seconds is None else seconds)
     return Report("live", session.summary(), notes=[f"recorded: {record}"] if record else ())
+
+
+@dataclass(frozen=True, eq=False)
+class _LiveSetting:
+    """Sources of a live session, and the object."""
+
+    name: str
+    """Name of the sources for people."""
+    sources: "Sources"
+    shape: "palpate.Shape"
+    first_pose: Any
+    """world_T_object at the start, (3,) [m, m, rad]."""
+    first_pose_sigma: Any
+    """Standard deviations of the first pose; None for the default."""
+
+
+def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: Bag) -> _LiveSetting:
+    """Open a camera and a source of poses, which the stack closes. Raises SettingError on missing or wrong options."""
+    from palpate.live.camera import camera_sources
+
+    first, sigma = start.pose_and_sigma()
+    if bag.shape is None or first is None:
+        raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
+    placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
+    if bag != Bag(bag.shape, bag.shape_unit, choices=BagChoices(**placement)):
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
+        raise SettingError(f"--camera: of the options for bags, only {words} apply")
+    shape = palpate.load_shape(bag.shape, bag.shape_unit)
+    with progress_bar("looking for images and poses"):
+        sources = stack.enter_context(camera_sources(camera, poses, palpate.DIGIT, bag.choices))
+    return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)
+
+
+def _replay_setting(file: Path, start: Start, bag: Bag) -> _LiveSetting:
+    """Return a recording as sources that play it in real time."""
+    from palpate.live.sources import replayed
+    from palpate.pipeline.track import first_pose_of_recording
+
+    given_pose, given_sigma = start.pose_and_sigma()
+    recording = bag.read(file).recording
+    sources = replayed(recording)
+    first, sigma = first_pose_of_recording(recording, palpate.NoiseSettings(), given_pose, given_sigma)
+    return _LiveSetting(file.name, sources, recording.shape, first, sigma)

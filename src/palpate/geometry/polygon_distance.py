@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Integers
 from palpate.compiled import compiled, kernel
 
 
@@ -12,47 +12,78 @@ from palpate.compiled import compiled, kernel
 def distances(points: Array, corners: Array) -> Array:
     """Return the distances (M,) [m] of points (M, 2) from the outline through corners (N, 2).
 
-    Edges are taken in groups, each near the chord from its first corner to its last. Its edges are looked at only if
-    the chord, less their largest distance from it, is nearer than the nearest edge so far; the group of the point
-    before comes first. What is known of a group's distance from the point before often tells without the chord.
+    Consecutive edges form groups, each near the chord from its first corner to its last. A group is no nearer to a
+    point than its chord, less the largest distance of its corners from the chord, its bulge. Its edges are looked at
+    only if that bound is below the nearest edge so far, and the group that was nearest to the point before comes first.
+    A point is no nearer to a group than the point before was, less the distance between the points: this second bound
+    often decides without the chord.
     """
-    count, outline = len(corners), np.concatenate((corners, corners[:1]))
+    count = len(corners)
+    outline = np.concatenate((corners, corners[:1]))
     size = math.ceil(0.5 * math.sqrt(count))
     firsts = np.arange(0, count + size, size)
     firsts[-1] = count
-    bulges, farther = np.zeros(len(firsts) - 1), np.zeros(len(firsts) - 1)
-    for group in range(len(bulges)):
-        for k in range(firsts[group], firsts[group + 1]):
-            x, y = outline[k]
-            off = math.sqrt(_square(x, y, outline, firsts[group], firsts[group + 1]))
-            bulges[group] = max(bulges[group], off)
-    found, likely = np.empty(len(points)), 0
-    last_x, last_y = 0.0, 0.0
+    groups = len(firsts) - 1
+    bulges = _bulges(outline, firsts)
+    nearest = np.empty(len(points))
+    bounds = np.zeros(groups)  # [m] every edge of a group is at least so far from the point
+    nearest_group = 0
+    last_x = 0.0
+    last_y = 0.0
     for i in range(len(points)):
         x, y = points[i]
-        farther -= math.hypot(x - last_x, y - last_y) * (1.0 + 1e-9)  # all edges of a group are at least so far
-        last_x, last_y, begin, least, reach = x, y, likely, np.inf, np.inf
-        for turn in range(len(bulges)):
-            group = begin if turn == 0 else 0 if turn == begin else turn
-            if farther[group] <= reach:
-                to_chord = _square(x, y, outline, firsts[group], firsts[group + 1])
-                farther[group] = math.sqrt(to_chord) - bulges[group]
-            if farther[group] > reach:
+        bounds -= math.hypot(x - last_x, y - last_y) * (1.0 + 1e-9)
+        last_x = x
+        last_y = y
+        first_group = nearest_group
+        least_square = np.inf
+        limit = np.inf  # [m] the distance of the nearest edge so far
+        for k in range(groups):
+            group = _kth_group(k, first_group)
+            if bounds[group] <= limit:
+                to_chord = _square_distance(x, y, outline, firsts[group], firsts[group + 1])
+                bounds[group] = math.sqrt(to_chord) - bulges[group]
+            if bounds[group] > limit:
                 continue
             for edge in range(firsts[group], firsts[group + 1]):
-                square = _square(x, y, outline, edge, edge + 1)
-                if square < least:
-                    least, likely = square, group
-            reach = math.sqrt(least) * (1.0 + 1e-9)
-        found[i] = math.sqrt(least)
-    return found
+                square = _square_distance(x, y, outline, edge, edge + 1)
+                if square < least_square:
+                    least_square = square
+                    nearest_group = group
+            limit = math.sqrt(least_square) * (1.0 + 1e-9)
+        nearest[i] = math.sqrt(least_square)
+    return nearest
 
 
 @kernel
-def _square(x: float, y: float, outline: Array, first: int, last: int) -> float:
+def _bulges(outline: Array, firsts: Integers) -> Array:
+    """Return the largest distance [m] of the corners of each group from the chord of the group."""
+    bulges = np.zeros(len(firsts) - 1)
+    for group in range(len(bulges)):
+        for k in range(firsts[group], firsts[group + 1]):
+            x, y = outline[k]
+            square = _square_distance(x, y, outline, firsts[group], firsts[group + 1])
+            bulges[group] = max(bulges[group], math.sqrt(square))
+    return bulges
+
+
+@kernel
+def _kth_group(k: int, first: int) -> int:
+    """Return the group that comes k-th: one is taken first, in exchange for group 0, the others in their order."""
+    if k == 0:
+        return first
+    if k == first:
+        return 0
+    return k
+
+
+@kernel
+def _square_distance(x: float, y: float, outline: Array, first: int, last: int) -> float:
     """Return the square distance [m^2] of a point from the line between two corners."""
-    (start_x, start_y), (end_x, end_y) = outline[first], outline[last]
-    edge_x, edge_y = end_x - start_x, end_y - start_y
+    start_x, start_y = outline[first]
+    end_x, end_y = outline[last]
+    edge_x = end_x - start_x
+    edge_y = end_y - start_y
     along = ((x - start_x) * edge_x + (y - start_y) * edge_y) / (edge_x**2 + edge_y**2)
     along = min(max(along, 0.0), 1.0)
     return (x - start_x - along * edge_x) ** 2 + (y - start_y - along * edge_y) ** 2

@@ -22,7 +22,7 @@ Sigmas = tuple[float, float, float]
 
 _TAU = 2.0 * math.pi
 _TINY = 1e-300
-_SERIES_BELOW = 0.1  # [rad]; here the series below are exact to rounding and the closed forms lose three digits
+_SERIES_BELOW = 0.1  # [rad]; below it the series is exact to rounding, and the closed form loses three digits
 
 
 def wrap(angle: Angle) -> Angle:
@@ -31,21 +31,25 @@ def wrap(angle: Angle) -> Angle:
         wrapped = math.remainder(angle, _TAU)
         return math.pi if wrapped == -math.pi else wrapped
     rest: Any = np.fmod(np.asarray(angle, dtype=np.float64), _TAU)
-    return rest - _TAU * (rest > math.pi) + _TAU * (rest <= -math.pi)
+    not_above = np.where(rest > math.pi, rest - _TAU, rest)
+    wrapped: Any = np.where(rest <= -math.pi, rest + _TAU, not_above)
+    return wrapped + 0.0  # never a negative zero
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Array:
     """Return a b: with a = world_T_object and b = object_T_sensor this is world_T_sensor."""
     ax, ay, a_theta = _split(a)
     bx, by, b_theta = _split(b)
-    cos, sin = np.cos(a_theta), np.sin(a_theta)
+    cos = np.cos(a_theta)
+    sin = np.sin(a_theta)
     return _join(ax + cos * bx - sin * by, ay + sin * bx + cos * by, wrap(a_theta + b_theta))
 
 
 def inverse(a: ArrayLike) -> Array:
     """Return a^-1."""
     x, y, theta = _split(a)
-    cos, sin = np.cos(theta), np.sin(theta)
+    cos = np.cos(theta)
+    sin = np.sin(theta)
     return _join(-cos * x - sin * y, sin * x - cos * y, wrap(-theta))
 
 
@@ -53,8 +57,10 @@ def between(a: ArrayLike, b: ArrayLike) -> Array:
     """Return a^-1 b, the pose of b seen from a."""
     ax, ay, a_theta = _split(a)
     bx, by, b_theta = _split(b)
-    cos, sin = np.cos(a_theta), np.sin(a_theta)
-    x, y = bx - ax, by - ay
+    cos = np.cos(a_theta)
+    sin = np.sin(a_theta)
+    x = bx - ax
+    y = by - ay
     return _join(cos * x + sin * y, cos * y - sin * x, wrap(b_theta - a_theta))
 
 
@@ -62,7 +68,8 @@ def transform(pose: ArrayLike, points: ArrayLike) -> Array:
     """Return points (..., 2) [m], given in the frame of the pose, in its parent frame."""
     x, y, theta = _split(pose)
     px, py = _split(points)
-    cos, sin = np.cos(theta), np.sin(theta)
+    cos = np.cos(theta)
+    sin = np.sin(theta)
     return _join(x + cos * px - sin * py, y + sin * px + cos * py)
 
 
@@ -70,9 +77,9 @@ def exp(xi: ArrayLike) -> Array:
     """Return the pose reached by the constant body velocity xi in unit time."""
     vx, vy, omega = _split(xi)
     half = 0.5 * omega
-    sin, zero = np.sin(half), half == 0.0
-    chord = (sin + zero) / (half + zero)  # of an arc, over its length
-    a, b = chord * np.cos(half), chord * sin
+    chord = _chord_over_arc(half)
+    a = chord * np.cos(half)
+    b = chord * np.sin(half)
     return _join(a * vx - b * vy, b * vx + a * vy, wrap(omega))
 
 
@@ -87,14 +94,17 @@ def log(pose: ArrayLike) -> Array:
 
 def rotation(theta: ArrayLike) -> Array:
     """Return the rotation matrices (..., 2, 2) by theta [rad]."""
-    cos, sin = np.cos(theta), np.sin(theta)
+    cos = np.cos(theta)
+    sin = np.sin(theta)
     return _matrices([[cos, -sin], [sin, cos]])
 
 
 def adjoint(pose: ArrayLike) -> Array:
     """Return the matrices Ad (..., 3, 3) with T exp(xi) T^-1 = exp(Ad xi)."""
     x, y, theta = _split(pose)
-    cos, sin, zero = np.cos(theta), np.sin(theta), np.zeros_like(theta)
+    cos = np.cos(theta)
+    sin = np.sin(theta)
+    zero = np.zeros_like(theta)
     return _matrices([[cos, -sin, y], [sin, cos, -x], [zero, zero, zero + 1.0]])
 
 
@@ -113,10 +123,12 @@ def right_jacobian_inverse(xi: ArrayLike) -> Array:
 def interpolated(when: Array | float, time: Array, pose: Array) -> Array:
     """Return poses (M, 3) at times (M,) between poses (N, 3) at increasing times (N,), yaws the shorter way round.
 
-    Before the first and after the last, these.
+    Before the first time they are the first pose, after the last time the last one.
     """
-    columns: list[Any] = [np.interp(when, time, column) for column in (*pose[:, :2].T, np.unwrap(pose[:, 2]))]
-    return np.stack((columns[0], columns[1], wrap(columns[2])), axis=-1)
+    x: Any = np.interp(when, time, pose[:, 0])
+    y: Any = np.interp(when, time, pose[:, 1])
+    theta: Any = np.interp(when, time, np.unwrap(pose[:, 2]))
+    return np.stack((x, y, wrap(theta)), axis=-1)
 
 
 def ellipses_95(pose: ArrayLike, covariance: ArrayLike) -> Array:
@@ -141,7 +153,7 @@ def _split(array: ArrayLike) -> tuple[Any, ...]:
 
 
 def _join(*parts: Any) -> Array:
-    """Return the parts, all of one shape after broadcasting the first, along a new last axis."""
+    """Return the parts stacked along a new last axis; the first has the shape to which all others broadcast."""
     first = parts[0]
     if isinstance(first, float):
         return np.array(parts)
@@ -152,12 +164,20 @@ def _join(*parts: Any) -> Array:
 
 
 def _matrices(rows: list[list[Any]]) -> Array:
-    """Return the matrices whose elements, of one shape, are given in rows; the last two axes are theirs."""
-    found = np.array(rows)
-    return found if found.ndim == 2 else np.ascontiguousarray(np.moveaxis(found, (0, 1), (-2, -1)))
+    """Return the matrices whose elements, of one shape (...), are given in rows, as (..., rows, columns)."""
+    matrices = np.array(rows)
+    if matrices.ndim == 2:
+        return matrices
+    return np.ascontiguousarray(np.moveaxis(matrices, (0, 1), (-2, -1)))
+
+
+def _chord_over_arc(half: Any) -> Any:
+    """Return sin(h) / h of numbers or arrays, which is 1 at 0."""
+    is_zero = half == 0.0
+    return (np.sin(half) + is_zero) / (half + is_zero)
 
 
 def _half_cot(half: Any) -> Any:
-    """Return h / tan(h)."""
-    zero = half == 0.0
-    return (half + zero) / (np.tan(half) + zero)
+    """Return h / tan(h) of numbers or arrays, which is 1 at 0."""
+    is_zero = half == 0.0
+    return (half + is_zero) / (np.tan(half) + is_zero)

@@ -1,6 +1,6 @@
 """Outlines of objects: disc, rectangle, ellipse and polygon, in the object frame, in metres.
 
-All answer the same questions: `outline`, `signed_distance`, `area`, `centroid` and `friction_radius`.
+All have the same methods: `outline`, `signed_distance`, `area`, `centroid` and `friction_radius`.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import Array
-from palpate.checks import FARTHEST, METRES, checked_number, is_near, other_unit
+from palpate.checks import FARTHEST, METRES, are_in_range, checked_number, other_unit
 from palpate.errors import SettingError, ShapeError
 from palpate.geometry.se2 import wrap
 
@@ -25,9 +25,12 @@ class _Outline(ABC):
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if (length := checked_number(value, 1e-6, FARTHEST)) is None:
-                found = f"{type(self).__name__.lower()} {name} is {reprlib.repr(value)}"
-                raise ShapeError(f"{found}; it must be a length from 1e-06 to {FARTHEST:g} m")
+            length = checked_number(value, 1e-6, FARTHEST)
+            if length is None:
+                kind = type(self).__name__.lower()
+                raise ShapeError(
+                    f"{kind} {name} is {reprlib.repr(value)}; it must be a length from 1e-06 to {FARTHEST:g} m"
+                )
             object.__setattr__(self, name, length)
 
     @property
@@ -71,22 +74,25 @@ class _Cornered(_Outline):
     def friction_radius(self) -> float:
         """Return c [m], the ratio of largest friction torque to largest friction force on the support.
 
-        For an even pressure it is the mean distance from the centroid over the area. Over the triangle of an edge and
-        the centroid its integral is h / 3 times that along the edge, where it is sqrt(h^2 + s^2) at a distance h from
-        the centroid. h < 0 where the edge faces the centroid, so that the triangles add up for concave outlines too.
+        For an even pressure c is the mean distance from the centroid over the area. The area consists of a triangle
+        from the centroid to each edge. Over a triangle the integral of the distance is h / 3 times its integral along
+        the edge, where h is the distance of the centroid from the line of the edge, and the distance of a point at s
+        along that line is sqrt(h^2 + s^2). h < 0 where the centroid lies outside of the edge, so that the triangles add
+        up for concave outlines, too.
         """
         area, centroid = _area_and_centroid(self.corners)
-        a = self.corners - centroid
-        b = np.roll(a, -1, axis=0)
-        edges = b - a
-        along = edges / np.hypot(edges[:, 0], edges[:, 1])[:, None]
-        h = a[:, 0] * along[:, 1] - a[:, 1] * along[:, 0]
+        start = self.corners - centroid
+        end = np.roll(start, -1, axis=0)
+        edges = end - start
+        direction = edges / np.hypot(edges[:, 0], edges[:, 1])[:, None]
+        h = start[:, 0] * direction[:, 1] - start[:, 1] * direction[:, 0]
 
-        def integral(end: Array) -> Array:
-            s = (end * along).sum(axis=1)
+        def integral(point: Array) -> Array:
+            """Return the integral of sqrt(h^2 + s^2) from s = 0 to a point of each edge (N, 2)."""
+            s = (point * direction).sum(axis=1)
             return 0.5 * (s * np.hypot(s, h) + h**2 * np.arcsinh(s / np.maximum(np.abs(h), 1e-250)))
 
-        return float((h * (integral(b) - integral(a))).sum() / (3.0 * area))
+        return float((h * (integral(end) - integral(start))).sum() / (3.0 * area))
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,7 @@ class Disc(_Outline):
         return np.hypot(points[..., 0], points[..., 1]) - self.radius
 
     def friction_radius(self) -> float:
-        """Return c [m]; see `Rectangle.friction_radius`."""
+        """Return c [m], the ratio of largest friction torque to largest friction force; see `Rectangle`."""
         return 2.0 / 3.0 * self.radius
 
 
@@ -155,7 +161,8 @@ class Ellipse(_Outline):
 
     def outline(self, count: int = 200) -> Array:
         """Return `count` points (count, 2) [m] on the ellipse, counter-clockwise, evenly spaced along it."""
-        a, b = 0.5 * self.size_x, 0.5 * self.size_y
+        a = 0.5 * self.size_x
+        b = 0.5 * self.size_y
         angle = np.linspace(0.0, 2.0 * math.pi, 64 * count + 1)
         speed = np.hypot(a * np.sin(angle), b * np.cos(angle))  # of the point (a cos, b sin)
         arc = np.append(0.0, np.cumsum(speed[:-2:2] + 4.0 * speed[1::2] + speed[2::2]))  # by Simpson's rule
@@ -169,11 +176,12 @@ class Ellipse(_Outline):
         Newton steps: the function is convex and the start lies left of its root, so they cannot overshoot.
         """
         points = np.abs(np.asarray(points, dtype=np.float64))
-        flat = self.size_x >= self.size_y
-        long, short = (0.5 * self.size_x, 0.5 * self.size_y) if flat else (0.5 * self.size_y, 0.5 * self.size_x)
-        p = points[..., 0 if flat else 1] / short
+        long_axis = 0 if self.size_x >= self.size_y else 1
+        long = 0.5 * max(self.size_x, self.size_y)
+        short = 0.5 * min(self.size_x, self.size_y)
+        p = points[..., long_axis] / short
         # A point on the long axis may have two nearest points; a shift far below rounding picks one.
-        q = np.maximum(points[..., 1 if flat else 0] / short, 1e-20)
+        q = np.maximum(points[..., 1 - long_axis] / short, 1e-20)
         r = (long / short) ** 2
         # The nearest point is (r p / (u + r - 1), q / u); u is 1 on the outline and smaller inside.
         scaled = p * long / short
@@ -181,7 +189,8 @@ class Ellipse(_Outline):
         moving = np.ones_like(u, np.bool_)
         for _ in range(100):
             before = u[moving]
-            s, t = scaled[moving] / (before + (r - 1.0)), q[moving] / before
+            s = scaled[moving] / (before + (r - 1.0))
+            t = q[moving] / before
             step = 0.5 * (s * s + t * t - 1.0) / (s * s / (before + (r - 1.0)) + t * t / before)
             u[moving] = before + step
             moving[moving] = step > 1e-15 * before
@@ -190,15 +199,15 @@ class Ellipse(_Outline):
         return short * (u - 1.0) * np.hypot(p / (u + (r - 1.0)), q / u)
 
     def friction_radius(self) -> float:
-        """Return c [m]; see `Rectangle.friction_radius`."""
+        """Return c [m], the ratio of largest friction torque to largest friction force; see `Rectangle`."""
         angle = np.arange(0.0, 2.0 * math.pi, 0.001 * math.pi)
         speed = np.hypot(self.size_x * np.sin(angle), self.size_y * np.cos(angle))
-        return float(speed.mean()) / 3.0  # stretched to the unit disc it becomes the perimeter over 3 pi
+        return float(speed.mean()) / 3.0  # the ellipse stretched to the unit disc makes it the perimeter over 3 pi
 
 
 @dataclass(frozen=True, init=False)
 class Polygon(_Cornered):
-    """A simple polygon, convex or not, where the object frame puts it."""
+    """A simple polygon, convex or not, at any place in the object frame."""
 
     vertices: tuple[tuple[float, float], ...]
     """Corners (x, y) [m], counter-clockwise, the first not repeated at the end."""
@@ -246,12 +255,15 @@ def _checked_vertices(vertices: ArrayLike) -> tuple[tuple[float, float], ...]:
         raise ShapeError(f"polygon vertices are no numbers: {error}") from error
     if corners.ndim != 2 or corners.shape[1] != 2:
         raise ShapeError(f"polygon vertices have shape {corners.shape}; they must be (N, 2)")
-    if len(far := np.flatnonzero(~is_near(corners).all(axis=1))):
-        found = tuple(corners[far[0]].tolist())
-        raise ShapeError(f"polygon vertex {far[0]} is {found}; it must be finite, up to {FARTHEST:g} m")
+    is_in_range = are_in_range(corners).all(axis=1)
+    if not is_in_range.all():
+        index = int(np.argmin(is_in_range))
+        vertex = tuple(corners[index].tolist())
+        raise ShapeError(f"polygon vertex {index} is {vertex}; it must be finite, up to {FARTHEST:g} m")
     extent = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0
-    # Drops repeats, the closing one too, and corners between which no edge has a direction.
-    corners = corners[(np.abs(corners - np.roll(corners, -1, axis=0)) > 1e-12 * extent).any(axis=1)]
+    # Repeated corners are dropped, a closing one too, and those so close that their edge has no direction.
+    edges = np.abs(corners - np.roll(corners, -1, axis=0))
+    corners = corners[(edges > 1e-12 * extent).any(axis=1)]
     if len(corners) < 3:
         raise ShapeError(f"polygon has {len(corners)} different vertices in a row; it needs 3 or more")
     if shapely.MultiPoint(corners).convex_hull.area <= 1e-12 * extent**2:
@@ -289,7 +301,8 @@ def scaled(shape: Shape, scale: float) -> Shape:
 def shape_from_dict(data: Mapping[str, Any]) -> Shape:
     """Return the shape that `shape_to_dict` wrote; raise ShapeError on a wrong type or field."""
     values = dict(data) if isinstance(data, Mapping) else {}
-    kind = _SHAPES.get(name := str(values.pop("type", None)))
+    name = str(values.pop("type", None))
+    kind = _SHAPES.get(name)
     if kind is None:
         raise ShapeError(f"shape is {reprlib.repr(data)}; it must be an object whose type is {', '.join(_SHAPES)}")
     needed = {field.name for field in fields(kind)}
@@ -299,7 +312,10 @@ def shape_from_dict(data: Mapping[str, Any]) -> Shape:
 
 
 def wrong_width(shape: Shape, unit: str | None = None) -> str:
-    """Return a sentence on an outline, read in a unit, that is too large or small to be pushed, or ""."""
+    """Return a sentence if an outline is too large or small to be pushed, with units that may be meant; else "".
+
+    `unit` is the one in which the outline was read, by default metres.
+    """
     width = shape.extent
     if 0.005 <= width <= 2.0:
         return ""
@@ -308,21 +324,23 @@ def wrong_width(shape: Shape, unit: str | None = None) -> str:
 
 
 def check_outline(shape: object) -> None:
-    """Raise SettingError for what is no outline, ShapeError for one that is too large or small to be pushed."""
+    """Raise SettingError unless a value is an outline, ShapeError if it is too large or small to be pushed."""
     if not isinstance(shape, Shape):
         raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
-    if wrong := wrong_width(shape):
+    wrong = wrong_width(shape)
+    if wrong:
         raise ShapeError(wrong)
 
 
 def _butterfly() -> Polygon:
-    """Two wings and a waist, into which a gel of radius 21 mm fits: its radius of curvature is 46 mm."""
+    """Return two wings with a waist between them, into which a gel of radius 21 mm fits: its radius is 46 mm."""
     angle = np.arange(96) * (2.0 * np.pi / 96)
     radius = 0.085 + 0.03 * np.cos(2.0 * angle)
     return Polygon(np.column_stack((radius * np.cos(angle), radius * np.sin(angle))))
 
 
 def _rounded_square(size: float, radius: float) -> Polygon:
+    """Return a square of a full size [m] with corners of a radius [m]."""
     quarter = np.linspace(0.0, 0.5 * np.pi, 13)
     angle = (quarter + 0.5 * np.pi * np.arange(4)[:, None]).ravel()
     center = np.repeat(np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (0.5 * size - radius), len(quarter), axis=0)
@@ -341,20 +359,26 @@ SHAPES: dict[str, Shape] = {
     "butterfly": _butterfly(),
     "rounded-square": _rounded_square(0.17, 0.03),
 }
-"""Objects by name; all but the paper's are kept for testing."""
+"""Objects by name. Disc, rectangle and ellipse are the paper's; the others are kept for testing."""
 
 
 def sharp_corners(corners: Array) -> NDArray[np.intp]:
     """Return the first and last vertex (K, 2) of corners that stick out, where the outline turns by over 30 degrees.
 
-    Bends within 1 mm are one corner to a gel, as of a chamfer or of a fillet in short edges.
+    Bends within 1 mm are one corner to a gel, such as those of a chamfer, or of a fillet drawn in short edges.
     """
     edges = np.roll(corners, -1, axis=0) - corners
-    angles, lengths = np.arctan2(edges[:, 1], edges[:, 0]), np.hypot(edges[:, 0], edges[:, 1])
-    place, around = np.cumsum(lengths) - lengths, lengths.sum()
+    angles = np.arctan2(edges[:, 1], edges[:, 0])
+    lengths = np.hypot(edges[:, 0], edges[:, 1])
+    perimeter = lengths.sum()
+    arc_length = np.cumsum(lengths) - lengths  # from the first vertex to each
     bends = np.flatnonzero(np.abs(wrap(angles - np.roll(angles, 1))) > np.radians(1.0))
-    is_last = np.diff(place[bends], append=place[bends[:1]] + around) > 1e-3
-    first, last = bends[np.roll(is_last, 1)], bends[is_last]
-    last = np.roll(last, -int((last[:1] < first[:1]).sum()))  # one corner may be on both sides of the first vertex
-    is_one = (place[last] - place[first]) % around < 1e-3  # and not a curve
-    return np.column_stack([first, last])[is_one & (wrap(angles[last] - angles[first - 1]) > np.radians(30.0))]
+    to_next_bend = np.diff(arc_length[bends], append=arc_length[bends[:1]] + perimeter)
+    is_last = to_next_bend > 1e-3
+    first = bends[np.roll(is_last, 1)]
+    last = bends[is_last]
+    if len(last) and last[0] < first[0]:  # a corner that begins before the first vertex and ends after it
+        last = np.roll(last, -1)
+    is_short = (arc_length[last] - arc_length[first]) % perimeter < 1e-3  # otherwise it is a curve
+    is_sharp = wrap(angles[last] - angles[first - 1]) > np.radians(30.0)
+    return np.column_stack([first, last])[is_short & is_sharp]

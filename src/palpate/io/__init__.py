@@ -1,4 +1,4 @@
-"""Files of palpate and of others, one row of FORMATS each, found by their content.
+"""Formats of recordings, of palpate and of others: one row of FORMATS each, recognised by the content of a file.
 
 Each module documents the frames and units of its files.
 """
@@ -20,21 +20,24 @@ FORMATS: dict[str, tuple[Callable[[Path], bool], Callable[[Path], Recording] | N
     "cmu-two-finger": (is_cmu_log, read_cmu_log),
     "bag": (is_bag, None),
 }
-"""What tells a format, in this order, and reads it; None where a file alone is no recording."""
+"""Of each format, in the order in which they are tried, the test for it and the reader; None if a file alone is no
+recording."""
 
 
 def detect_format(path: Path | str) -> str | None:
     """Return the name of the file's format, or None if it is not known. Raises FileError if there is no file."""
     path = existing_bag(path)
-    return next((name for name, (is_one, _) in FORMATS.items() if is_one(path)), None)
+    return next((name for name, (is_of_format, _) in FORMATS.items() if is_of_format(path)), None)
 
 
 def load_recording(path: Path | str, orientation: str = "") -> Recording:
     """Read a recording of any known format; `orientation` says how its images lie. Raises FileError."""
     path = existing_bag(path)
-    if (name := detect_format(path)) is None:
+    name = detect_format(path)
+    if name is None:
         raise FileError(f"{path}: is in no known format; known are palpate's, ROS bags, and MIT's and CMU's pushes")
-    if (read := FORMATS[name][1]) is None:
+    _, read = FORMATS[name]
+    if read is None:
         raise FileError(f"{path}: is a bag without an outline of the object: give --shape, in Python palpate.read_bag")
     with in_file(path):
         return read(path).oriented(orientation)

@@ -4,8 +4,8 @@
 tangent vector at the estimate (right, body frame), and contact is 1 or 0. Where there are several answers, origins are
 those of `Answer.origin` with the number of answers of each, as "as before 1; shove 4".
 
-As messages, each estimate is a `PoseStamped`, which viewers draw, a `PoseWithCovarianceStamped`, whose covariance is
-about the axes of the header's frame as ROS has it, not the object's, and a `DiagnosticArray`.
+Each estimate is written as three messages: a `PoseStamped`, which viewers draw; a `PoseWithCovarianceStamped`, whose
+covariance is about the axes of the header's frame, as in ROS, not about those of the object; and a `DiagnosticArray`.
 """
 
 import csv
@@ -24,10 +24,11 @@ COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status", "reason", "origins")
 UPPER = np.triu_indices(3)
 
-POSES, POSES_WITH_COVARIANCE = "/palpate/object_pose", "/palpate/object_pose_with_covariance"
+POSES = "/palpate/object_pose"
+POSES_WITH_COVARIANCE = "/palpate/object_pose_with_covariance"
 DIAGNOSTICS = "/palpate/diagnostics"
 LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
-"""DiagnosticStatus level of each status: 0 is ok, 2 an error; any other is a warning, 1."""
+"""DiagnosticStatus level of statuses: 0 is ok, 2 an error. All others have level 1, a warning."""
 
 
 def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane, answers: Answers = ()) -> None:
@@ -36,20 +37,21 @@ def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane, answe
     Raises FileError if the file exists, or times cannot be stamps.
     """
     stamps = ros.nanoseconds(path, trajectory.time)
-    fields = vars(trajectory).values()
-    several = answers or ((),) * len(trajectory)
+    rows = zip(*vars(trajectory).values(), strict=True)  # the fields of an Estimate up to the reason
+    answers_of_rows = answers or ((),) * len(trajectory)
     with ros.new_mcap(path) as file:
-        for stamp, those, *values in zip(stamps, several, *fields, strict=True):
-            file.add(stamp, estimate_messages(plane, stamp, Estimate(*values, answers=those)))
+        for stamp, row, answers_of_row in zip(stamps, rows, answers_of_rows, strict=True):
+            file.add(stamp, estimate_messages(plane, stamp, Estimate(*row, answers=answers_of_row)))
 
 
 def estimate_messages(
     plane: Plane, stamp: int, estimate: Estimate, more: Mapping[str, str] | None = None
 ) -> dict[str, Any]:
     """Return the messages of an estimate with its stamp [ns], by topic; `more` is added to its diagnosis."""
-    pose, head = ros.pose_in_space(plane, estimate.pose), ros.header(stamp, plane.frame)
+    header = ros.header(stamp, plane.frame)
+    pose = ros.pose_in_space(plane, estimate.pose)
     covariance = spatial_covariance(plane, estimate.pose, estimate.covariance).reshape(36)
-    both = ros.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
+    pose_with_covariance = ros.message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
     values = {
         "reason": estimate.reason,
         "origins": origins_text(estimate.answers),
@@ -65,9 +67,9 @@ def estimate_messages(
         values=[ros.message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
     return {
-        POSES: ros.message(ros.POSE, header=head, pose=pose),
-        POSES_WITH_COVARIANCE: ros.message(ros.POSE_WITH_COVARIANCE, header=head, pose=both),
-        DIAGNOSTICS: ros.message("diagnostic_msgs/msg/DiagnosticArray", header=head, status=[diagnosis]),
+        POSES: ros.message(ros.POSE, header=header, pose=pose),
+        POSES_WITH_COVARIANCE: ros.message(ros.POSE_WITH_COVARIANCE, header=header, pose=pose_with_covariance),
+        DIAGNOSTICS: ros.message("diagnostic_msgs/msg/DiagnosticArray", header=header, status=[diagnosis]),
     }
 
 

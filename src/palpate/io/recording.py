@@ -1,4 +1,4 @@
-"""Recording: images and poses of a sensor, frame by frame, and flags that follow from its ground truth."""
+"""Recording: images and poses of a sensor, frame by frame; and contact flags from the gaps of its ground truth."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +14,7 @@ from palpate.config import FirstPoseSettings
 from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
-from palpate.io.from_arrays import nanoseconds, placed_from, planar_fields
+from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
 from palpate.types.choices import Normal, Placement
 from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
@@ -40,7 +40,7 @@ class Recording:
     object_pose: Array | None = None
     """world_T_object, (N, 3) [m, m, rad]: ground truth; a row is NaN where it is not known"""
     contact: Flags | None = None
-    """(N,) true while the sensor touches the object; None where only images show it"""
+    """(N,) true while the sensor touches the object; None if only images show it"""
     image: Sequence[bytes] | None = None
     """N encoded touch images; iterating over the recording decodes them one by one"""
     source: str = ""
@@ -49,55 +49,57 @@ class Recording:
     """further data of each frame by name, (N, ...) numbers or booleans each, NaN where not known"""
     first_pose: Array | None = None
     """world_T_object at the start (3,) [m, m, rad] as the object was placed, by default the first of ground truth; None
-    where neither is known"""
+    if neither is known"""
     first_pose_sigma: Array | None = None
-    """its standard deviations (3,) [m, m, rad] in the object's frame"""
+    """standard deviations of the first pose (3,) [m, m, rad] in the object's frame"""
     set_up_sigma: Array | None = None
     """standard deviations of the constant offset between sensor, world and outline (3,) [m, m, rad], zeros if they are
-    exact; None is that of a usual set-up, `noise.sensor_pose.calibration`"""
+    exact; None stands for those of a usual set-up, `noise.sensor_pose.calibration`"""
     is_view_known: bool = False
-    """images are upright for sure, since `orientation` says how they lay; otherwise tracking doubts it"""
+    """true if `orientation` said how images lay, so that they are upright for sure; otherwise tracking doubts it"""
     file: Path | None = None
     """the file it was read from; errors name it"""
 
     def __post_init__(self) -> None:
-        def settle(name: str, value: Any) -> None:
-            object.__setattr__(self, name, value)
-
         if not isinstance(self.shape, Shape):
             raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
-        settle("sensor", known_sensor(self.sensor))
-        settle("time", checks.checked_times(self.time))
+        self._settle("sensor", known_sensor(self.sensor))
+        self._settle("time", checks.checked_times(self.time))
         n = len(self.time)
-        settle("sensor_pose", checks.checked_poses("sensor_pose", self.sensor_pose, n))
+        self._settle("sensor_pose", checks.checked_poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
-            settle("object_pose", checks.checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
-        for name, least in (("first_pose", -checks.FARTHEST), ("first_pose_sigma", 1e-9), ("set_up_sigma", 0.0)):
-            if (given := getattr(self, name)) is not None:
-                settle(name, checks.checked_array(name, given, checks.NUMBERS, (3,)).astype(np.float64))
-                if not ((given := getattr(self, name)) >= least).all() or not checks.is_near(given).all():
-                    raise FileError(f"{name}: found {given.tolist()}, allowed are {least:g} to {checks.FARTHEST:g}")
-        if self.first_pose_sigma is not None and self.first_pose is None:
-            raise FileError("first_pose_sigma: found one without a first_pose; allowed is one with it")
-        if self.first_pose is None and (known := np.isfinite(self.truth[:, 0])).any():
-            settle("first_pose", self.truth[np.argmax(known)].copy())
-            settle("first_pose_sigma", np.array(FirstPoseSettings().truth))
+            self._settle("object_pose", checks.checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
+        self._settle_start()
         if self.contact is not None:
-            settle("contact", checks.checked_array("contact", self.contact, checks.FLAGS, (n,)).astype(np.bool_))
+            contact = checks.checked_array("contact", self.contact, checks.FLAGS, (n,))
+            self._settle("contact", contact.astype(np.bool_))
         if self.image is not None:
-            if not self.sensor.image_height:
-                raise FileError(f"image: found images, but the sensor {self.sensor.name!r} has none")
-            settle("image", tuple(self.image))
-            if len(self.image) != n:
-                raise FileError(f"image: found {len(self.image)} images for {n} times, expected one for each")
-            for index, image in enumerate(self.image):
-                if not isinstance(image, bytes):
-                    found = f"image {index} is of type {type(image).__name__}"
-                    raise FileError(f"image: {found}, expected encoded bytes; Recording.from_arrays encodes arrays")
+            self._settle("image", _checked_images(self.image, n, self.sensor))
         for name, value in self.extra.items():
             size = value.shape[1:] if isinstance(value, np.ndarray) else ()
             checks.checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
-        settle("extra", {name: np.asarray(value) for name, value in self.extra.items()})
+        self._settle("extra", {name: np.asarray(value) for name, value in self.extra.items()})
+
+    def _settle(self, name: str, value: Any) -> None:
+        """Set a field of this frozen class, once it is checked."""
+        object.__setattr__(self, name, value)
+
+    def _settle_start(self) -> None:
+        """Check the first pose and the standard deviations; the default of the first pose is ground truth."""
+        for name, least in (("first_pose", -checks.FARTHEST), ("first_pose_sigma", 1e-9), ("set_up_sigma", 0.0)):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            numbers = checks.checked_array(name, given, checks.NUMBERS, (3,)).astype(np.float64)
+            if not (numbers >= least).all() or not checks.are_in_range(numbers).all():
+                raise FileError(f"{name}: found {numbers.tolist()}, allowed are {least:g} to {checks.FARTHEST:g}")
+            self._settle(name, numbers)
+        if self.first_pose_sigma is not None and self.first_pose is None:
+            raise FileError("first_pose_sigma: found one without a first_pose; allowed is one with it")
+        is_known = np.isfinite(self.truth[:, 0])
+        if self.first_pose is None and is_known.any():
+            self._settle("first_pose", self.truth[np.argmax(is_known)].copy())
+            self._settle("first_pose_sigma", np.array(FirstPoseSettings().truth))
 
     @classmethod
     def from_arrays(
@@ -122,16 +124,17 @@ class Recording:
     ) -> "Recording":
         """Return a recording made from images and poses that have times of their own.
 
-        Frames are the images, with the sensor's pose interpolated between those before and after; a warning says how
-        many are left out because no pose is known at their time. Times are seconds (floats) or nanoseconds (integers),
-        all by one clock. Poses are rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) or 4x4 matrices, in one
-        frame of the world, NaN where unknown. Raises FileError or SettingError that names the argument.
+        Each image makes a frame, with the sensor's pose interpolated between the poses before and after it; a warning
+        says how many images are left out because no pose is known at their time. Times are seconds (floats) or
+        nanoseconds (integers), all by one clock. Poses are rows (x, y, theta) [m, m, rad], (x, y, z, qx, qy, qz, qw) or
+        4x4 matrices, in one frame of the world, NaN where unknown. Raises FileError or SettingError that names the
+        argument.
 
         - image_time, images: times (N,), increasing, and arrays of uint8 (N, height, width, 3), RGB, encoded JPEG or
           PNG (bytes), or paths of files. Without images (None), `contact` is needed. Multiples of the sensor's size are
           scaled down.
-        - orientation: how images lie, as words with commas: upright, or 90, 180 or 270, the degrees counter-clockwise
-          that make them so, mirrored, and the order of channels, such as bgr. Without it tracking doubts how they lie.
+        - orientation: words with commas on how images lie: upright, or 90, 180 or 270, the degrees counter-clockwise
+          that make them upright; mirrored; and the order of channels, such as bgr. Without it tracking doubts it.
         - pose_time, poses: times (M,) and poses of the sensor, or of the part of a robot that carries it.
         - sensor_T_gel: pose of the gel's frame in the frame of `poses`: origin at the apex of the gel, x out of it, y
           along the columns of an image. None if `poses` are the gel's own.
@@ -143,65 +146,51 @@ class Recording:
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
         placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)  # pyright: ignore[reportArgumentType]
-        of_gel = onto_gel(placement)
+        poses_of_gel = onto_gel(placement)
         sensor = known_sensor(sensor)
         check_outline(shape)
         time = nanoseconds("image_time", image_time, least=1e-3)
         checks.check_rows("image_time", time, np.diff(time, prepend=time[0] - 1) > 0, "a time after the one before")
-        if isinstance(images, str | bytes | Path):
-            raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
-        if images is not None and not sensor.image_height:
-            raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
-        given = images if images is None or hasattr(images, "__len__") else list(images)  # also of a generator
-        if given is not None and len(given) != len(time):
-            raise FileError(f"images: found {len(given)} images for {len(time)} times, expected one for each")
-        flags = None if contact is None else checks.checked_array("contact", contact, checks.FLAGS, (len(time),))
-        if given is None and flags is None:
-            raise FileError("images: found None, and no contact; a recording needs one of them")
+        given_images, flags = _images_and_contact(images, contact, len(time), sensor)
 
         time = time + round(time_offset * 1e9)
-        placed = of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
-        truth, known = None, checks.as_array("object_poses", np.nan if object_poses is None else object_poses)
-        if known.dtype.kind != "f" or not np.isnan(known).all():
-            seen_at = pose_time if object_time is None else object_time
-            truth = placed_from("object_poses", known, "object_time", seen_at, time)
-        fields, _ = planar_fields(
-            "from_arrays",
-            "world",
-            time,
-            placement,
-            placed,
-            truth,
-            None if given is None else ("images", given),
-            flags,
-            sensor,
-            codec,
-        )
+        sensor_poses = poses_of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
+        truth = truth_from(object_poses, pose_time if object_time is None else object_time, time)
+        named_images = None if given_images is None else ("images", given_images)
+        frames = SpatialFrames(time, sensor_poses, truth, named_images, flags)
+        fields, _ = planar_fields("from_arrays", "world", frames, placement, sensor, codec)
         return cls(**fields, shape=shape, source=source)
 
     def oriented(self, orientation: str) -> "Recording":
         """Return the recording with its images turned; see `from_arrays`. Raises FileError and SettingError."""
-        view, size = camera_view(orientation), (self.sensor.image_height, self.sensor.image_width)
-        image = self.image and tuple(turned_image(each, size, view) for each in self.image)
-        return replace(self, image=image, is_view_known=self.is_view_known or view.is_stated)
+        view = camera_view(orientation)
+        size = (self.sensor.image_height, self.sensor.image_width)
+        images = self.image and tuple(turned_image(image, size, view) for image in self.image)
+        return replace(self, image=images, is_view_known=self.is_view_known or view.is_stated)
 
     def until(self, count: int) -> "Recording":
         """Return the first `count` frames."""
-        names = "time", "sensor_pose", "object_pose", "contact", "image"
-        cut = {name: vars(self)[name][:count] for name in names if vars(self)[name] is not None}
-        return replace(self, **cut, extra={name: value[:count] for name, value in self.extra.items()})
+        names = ("time", "sensor_pose", "object_pose", "contact", "image")
+        fields = {name: vars(self)[name][:count] for name in names if vars(self)[name] is not None}
+        extra = {name: value[:count] for name, value in self.extra.items()}
+        return replace(self, **fields, extra=extra)
 
     @property
     def truth(self) -> Array:
         """Ground truth, (N, 3) [m, m, rad]; NaN where it is not known."""
-        return np.full((len(self), 3), np.nan) if self.object_pose is None else self.object_pose
+        if self.object_pose is None:
+            return np.full((len(self), 3), np.nan)
+        return self.object_pose
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __getitem__(self, index: int) -> Frame:
         """The frame at `index`, its image decoded. Raises FileError if the image is damaged."""
-        truth, image = None if self.object_pose is None else self.object_pose[index], None
+        truth = None
+        if self.object_pose is not None and not np.isnan(self.object_pose[index]).any():
+            truth = self.object_pose[index]
+        image = None
         if self.image is not None:
             with in_file(f"{self.file or 'recording'}: image of frame {index % len(self)}"):
                 image = decode_image(self.image[index], (self.sensor.image_height, self.sensor.image_width))
@@ -210,18 +199,56 @@ class Recording:
             sensor_pose=self.sensor_pose[index],
             image=image,
             contact=None if self.contact is None else bool(self.contact[index]),
-            object_pose=None if truth is None or np.isnan(truth).any() else truth,
+            object_pose=truth,
         )
 
     def __iter__(self) -> Iterator[Frame]:
         return (self[index] for index in range(len(self)))
 
 
+def _checked_images(images: Sequence[Any], count: int, sensor: SensorProfile) -> tuple[bytes, ...]:
+    """Return the encoded images of a recording. Raises FileError unless there is one for each of `count` frames."""
+    if not sensor.image_height:
+        raise FileError(f"image: found images, but the sensor {sensor.name!r} has none")
+    encoded = tuple(images)
+    if len(encoded) != count:
+        raise FileError(f"image: found {len(encoded)} images for {count} times, expected one for each")
+    for index, image in enumerate(encoded):
+        if not isinstance(image, bytes):
+            kind = type(image).__name__
+            raise FileError(
+                f"image: image {index} is of type {kind}, expected encoded bytes; Recording.from_arrays encodes arrays"
+            )
+    return encoded
+
+
+def _images_and_contact(
+    images: Images | None, contact: ArrayLike | None, count: int, sensor: SensorProfile
+) -> tuple[Any, Flags | None]:
+    """Return the images of `from_arrays` as a sequence, and contact flags (N,), each None if not given.
+
+    Raises FileError unless there are `count` of each that is given, and at least one of both.
+    """
+    if isinstance(images, str | bytes | Path):
+        raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
+    if images is not None and not sensor.image_height:
+        raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
+    if images is not None and not hasattr(images, "__len__"):
+        images = list(images)  # also of a generator
+    if images is not None and len(images) != count:
+        raise FileError(f"images: found {len(images)} images for {count} times, expected one for each")
+    flags = None if contact is None else checks.checked_array("contact", contact, checks.FLAGS, (count,))
+    if images is None and flags is None:
+        raise FileError("images: found None, and no contact; a recording needs one of them")
+    return images, flags
+
+
 def contact_flags(gap: Array, touch: float, release: float) -> Flags:
     """Return contact flags (N,) from gaps (N,) [m]: contact begins below `touch` and ends above `release`.
 
-    Where the gap is in between or NaN the last flag stays; the first is false until something is known.
+    While a gap is in between or NaN the flag stays as it was; it is false until a gap is outside of both.
     """
-    begins, ends = gap < touch, gap > release
-    last = np.maximum.accumulate(np.where(begins | ends, np.arange(len(gap)), -1))
-    return begins[last] & (last >= 0)
+    begins = gap < touch
+    ends = gap > release
+    last_change = np.maximum.accumulate(np.where(begins | ends, np.arange(len(gap)), -1))
+    return begins[last_change] & (last_change >= 0)

@@ -28,10 +28,15 @@ from palpate.types.space import flat
 
 logger = logging.getLogger(__name__)
 
-METADATA, ARRAYS, VERSION = "palpate", "palpate/", "1"
-IMAGES, SENSOR_POSES, OBJECT_POSES = "/sensor/image/compressed", "/sensor/pose", "/object/pose"
+METADATA = "palpate"
+ARRAYS = "palpate/"
+VERSION = "1"
+IMAGES = "/sensor/image/compressed"
+SENSOR_POSES = "/sensor/pose"
+OBJECT_POSES = "/object/pose"
 CONTACT = "/sensor/contact"
 FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact")
+_NO_RECORDING = f"is no recording of palpate, which is an MCAP with metadata named {METADATA!r}"
 STATED = ("first_pose", "first_pose_sigma", "set_up_sigma", "is_view_known")
 
 
@@ -51,10 +56,9 @@ def describe(
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
     """Write a recording, whole or not at all; an existing file is replaced only if `overwrite`. Raises FileError."""
     if not isinstance(recording, Recording):
-        found = type(recording).__name__
-        raise SettingError(f"found a {found} to write, expected a Recording; that of read_bag is its .recording")
+        kind = type(recording).__name__
+        raise SettingError(f"found a {kind} to write, expected a Recording; that of read_bag is its .recording")
     stamps = ros.nanoseconds(path, recording.time)
-    plane, truth = flat(), recording.object_pose
     stated = {name: getattr(recording, name) for name in STATED}
     about = {name: json.dumps(np.asarray(value).tolist()) for name, value in stated.items() if value is not None}
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
@@ -67,32 +71,36 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
                 np.save(data, array, allow_pickle=False)
                 file.writer.add_attachment(0, 0, f"{ARRAYS}{name}.npy", "application/x-npy", data.getvalue())
         for index, stamp in enumerate(stamps):
-            messages: dict[str, Any] = {}
-            if recording.image is not None:
-                messages[IMAGES] = ros.stamped_image(stamp, recording.image[index])
-            if recording.contact is not None:
-                messages[CONTACT] = ros.message(ros.BOOL, data=bool(recording.contact[index]))
-            if truth is not None and not np.isnan(truth[index, 0]):
-                messages[OBJECT_POSES] = ros.stamped_pose(stamp, plane, truth[index])
-            # Last of all: a frame whose sensor pose is there is whole.
-            file.add(stamp, messages | {SENSOR_POSES: ros.stamped_pose(stamp, plane, recording.sensor_pose[index])})
+            file.add(stamp, _messages_of(recording, index, stamp))
+
+
+def _messages_of(recording: Recording, index: int, stamp: int) -> dict[str, Any]:
+    """Return the messages of a frame with its stamp [ns], by topic."""
+    plane = flat()
+    truth = recording.object_pose
+    messages: dict[str, Any] = {}
+    if recording.image is not None:
+        messages[IMAGES] = ros.stamped_image(stamp, recording.image[index])
+    if recording.contact is not None:
+        messages[CONTACT] = ros.message(ros.BOOL, data=bool(recording.contact[index]))
+    if truth is not None and not np.isnan(truth[index, 0]):
+        messages[OBJECT_POSES] = ros.stamped_pose(stamp, plane, truth[index])
+    # Last of all: a frame whose sensor pose is there is whole.
+    messages[SENSOR_POSES] = ros.stamped_pose(stamp, plane, recording.sensor_pose[index])
+    return messages
 
 
 def read_recording(path: Path | str) -> Recording:
-    """Read a recording of palpate; of one that is cut off, the whole frames, with a warning. Raises FileError."""
+    """Read a recording of palpate; if it is cut off, the frames that are whole, with a warning. Raises FileError."""
     path = existing_file(path)
     with in_file(path):
-        metadata, attachments = front_matter(path) if is_mcap(path) else ({}, {})
-        if (about := metadata.get(METADATA)) is None:
-            raise FileError(f"is no recording of palpate, which is an MCAP with metadata named {METADATA!r}")
-        if (version := about.get("version")) != VERSION:
-            raise FileError(f"has version {version!r}, this palpate reads version {VERSION}: update palpate")
+        about, attachments = _about_and_attachments(path)
         shape = shape_from_dict(json_object(about.get("shape", ""), "metadata shape"))
         sensor = sensor_from_dict(json_object(about.get("sensor", ""), "metadata sensor"))
         files = {name: data for name, data in attachments.items() if name.startswith(ARRAYS)}
         if not files:
-            # Of a live session: each image with the sensor's pose at its time. That is the time of recording, which
-            # equals the headers': a replay may begin at 0 s, which in a header means no stamp.
+            # Of a live session: each image gets the sensor's pose at its time. The time of recording is taken, which
+            # equals that in the header: a replay may begin at 0 s, which in a header means no stamp.
             orientation = "upright" if about.get("is_view_known") == "true" else ""
             choices = BagChoices(orientation, images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
             return read_bag(path, shape, choices, sensor).recording
@@ -113,6 +121,20 @@ def read_recording(path: Path | str) -> Recording:
         )
 
 
+def _about_and_attachments(path: Path) -> tuple[dict[str, str], dict[str, bytes]]:
+    """Return palpate's metadata, and all attachments by name. Raises FileError unless it is a recording of palpate."""
+    if not is_mcap(path):
+        raise FileError(_NO_RECORDING)
+    metadata, attachments = front_matter(path)
+    about = metadata.get(METADATA)
+    if about is None:
+        raise FileError(_NO_RECORDING)
+    version = about.get("version")
+    if version != VERSION:
+        raise FileError(f"has version {version!r}, this palpate reads version {VERSION}: update palpate")
+    return about, attachments
+
+
 def _parsed(name: str, data: bytes | str) -> Any:
     """Return the array in an attachment, or the numbers in a text of the metadata."""
     try:
@@ -123,12 +145,14 @@ def _parsed(name: str, data: bytes | str) -> Any:
 
 def _frames(path: Path) -> tuple[list[bytes], int]:
     """Return the images and the number of frames that are whole; warns where the file is cut off."""
-    images, count = list[bytes](), 0
+    images: list[bytes] = []
+    count = 0
     try:
         for raw in mcap_messages(path):
             if raw.channel[:2] == (IMAGES, ros.COMPRESSED_IMAGE):
                 images.append(ros.decoded(raw).data.tobytes())
-            count += raw.channel.topic == SENSOR_POSES
+            if raw.channel.topic == SENSOR_POSES:
+                count += 1
     except CutShort as error:
         if not count:
             raise FileError(f"{error}, before the first frame") from error

@@ -15,8 +15,10 @@ from palpate.files import new_file, whole_file
 from palpate.types.images import codec_of
 from palpate.types.space import Plane, out_of_plane
 
-IMAGE, COMPRESSED_IMAGE = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
-POSE, POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 BOOL = "std_msgs/msg/Bool"
 
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
@@ -49,7 +51,7 @@ class Channel(NamedTuple):
 
     @property
     def is_read(self) -> bool:
-        """True if its messages can be decoded and used."""
+        """True if the messages can be decoded and used."""
         return self.encoding in ("cdr", "ros1") and self.type in READ_TYPES
 
 
@@ -66,9 +68,9 @@ class Pose(NamedTuple):
     """A pose in space, or a transform: `frame_T_child`."""
 
     frame: str
-    """Frame in which it is given."""
+    """Frame in which the pose is given."""
     child: str
-    """Frame that a transform places; "" for a pose."""
+    """Frame whose pose a transform gives; "" for a pose."""
     stamp: int
     """[ns]"""
     numbers: tuple[float, ...]
@@ -76,7 +78,7 @@ class Pose(NamedTuple):
 
 
 class MessageWriter:
-    """Puts messages into an MCAP that is open."""
+    """Writer of messages into an open MCAP."""
 
     def __init__(self, writer: Any) -> None:
         """Take the writer of `mcap`."""
@@ -84,26 +86,26 @@ class MessageWriter:
         self._channels: dict[str, int] = {}
 
     def add(self, time: int, messages: Mapping[str, Any]) -> None:
-        """Add messages, by their topics, that were recorded and sent at a time [ns]."""
-        for topic, one in messages.items():
+        """Add messages, by their topics, as sent and recorded at a time [ns]."""
+        for topic, content in messages.items():
             if topic not in self._channels:
-                text = ros_types("cdr").generate_msgdef(one.__msgtype__, ros_version=2)[0].encode()
-                schema = self.writer.register_schema(one.__msgtype__, "ros2msg", text)
+                text = ros_types("cdr").generate_msgdef(content.__msgtype__, ros_version=2)[0].encode()
+                schema = self.writer.register_schema(content.__msgtype__, "ros2msg", text)
                 self._channels[topic] = self.writer.register_channel(topic, "cdr", schema)
-            self.writer.add_message(self._channels[topic], time, serialized(one), time)
+            self.writer.add_message(self._channels[topic], time, serialized(content), time)
 
 
 @contextmanager
 def new_mcap(path: Path | str, overwrite: bool = False, growing: bool = False) -> Iterator[MessageWriter]:
     """Open a new MCAP that is written whole or not at all; an existing one is replaced only if `overwrite`.
 
-    One that is `growing` is at its place from the start; all but its last few kB stay if the process is killed.
+    If it is `growing`, it is written in place: should the process be killed, only the last few kB are lost.
     """
     from mcap.writer import CompressionType, Writer
 
-    with nullcontext(new_file(path, overwrite)) if growing else whole_file(path, overwrite) as place:
+    with nullcontext(new_file(path, overwrite)) if growing else whole_file(path, overwrite) as target:
         try:
-            with place.open("wb") as file:
+            with target.open("wb") as file:
                 # Images are compressed already; data checksums find a damaged record anywhere.
                 writer = Writer(file, compression=CompressionType.NONE, use_chunking=not growing, enable_data_crcs=True)
                 writer.start(profile="ros2", library="palpate")
@@ -116,14 +118,18 @@ def new_mcap(path: Path | str, overwrite: bool = False, growing: bool = False) -
 
 
 def nanoseconds(path: Path | str, time: Array) -> list[int]:
-    """Return times (N,) [s] as stamps [ns], counted from the first if that is below 0.
+    """Return times (N,) [s] as stamps [ns], counted from the first time if that is below 0.
 
-    Raises FileError where ROS has no such stamp.
+    Raises FileError if ROS cannot express a time.
     """
-    latest, time = 2.0**31, time - min(time[0], 0.0)
-    if len(wrong := np.flatnonzero((time < 0.0) | (time >= latest))):
-        found = f"frame {wrong[0]} is at {time[wrong[0]]:g} s"
-        raise FileError(f"{path}: {found}, stamps of ROS messages go from 0 to {latest:g} s")
+    latest = 2.0**31  # [s]
+    time = time - min(time[0], 0.0)
+    is_wrong = (time < 0.0) | (time >= latest)
+    if is_wrong.any():
+        first = int(np.argmax(is_wrong))
+        raise FileError(
+            f"{path}: frame {first} is at {time[first]:g} s, stamps of ROS messages go from 0 to {latest:g} s"
+        )
     whole = np.floor(time)
     return (whole.astype(np.int64) * 10**9 + np.rint((time - whole) * 1e9).astype(np.int64)).tolist()
 
@@ -139,17 +145,17 @@ def serialized(message: Any) -> bytes:
 
 
 def header(time: int, frame: str) -> Any:
-    """Return the header of a message of a time [ns] in a frame."""
+    """Return the header of a message at a time [ns], given in a frame."""
     stamp = message("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
     return message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
 def pose_in_space(plane: Plane, pose: Array) -> Any:
-    """Return the Pose of one in a plane (3,)."""
+    """Return the Pose message of a pose in a plane (3,) [m, m, rad]."""
     position, rotation = out_of_plane(plane, pose)
     point = message("geometry_msgs/msg/Point", **dict(zip("xyz", position.tolist(), strict=True)))
-    turn = message("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation.tolist(), strict=True)))
-    return message("geometry_msgs/msg/Pose", position=point, orientation=turn)
+    quaternion = message("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", rotation.tolist(), strict=True)))
+    return message("geometry_msgs/msg/Pose", position=point, orientation=quaternion)
 
 
 def stamped_pose(time: int, plane: Plane, pose: Array) -> Any:
@@ -158,33 +164,40 @@ def stamped_pose(time: int, plane: Plane, pose: Array) -> Any:
 
 
 def stamped_image(time: int, image: bytes) -> Any:
-    """Return the CompressedImage of an encoded image, also a damaged one, at a time [ns]."""
-    data, codec = np.frombuffer(image, np.uint8), codec_of(image) or "jpeg"
+    """Return the CompressedImage of an encoded image, which may be damaged, at a time [ns]."""
+    data = np.frombuffer(image, np.uint8)
+    codec = codec_of(image) or "jpeg"
     return message(COMPRESSED_IMAGE, header=header(time, "sensor"), format=codec, data=data)
 
 
 def decoded(raw: RawMessage) -> Any:
     """Return the message with its fields as attributes. Raises FileError that names its topic if it is damaged."""
-    topic, found, encoding = raw.channel
+    topic, type_, encoding = raw.channel
     store = ros_types(encoding)
     try:
-        return (store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1)(raw.data, found)
+        if encoding == "cdr":
+            return store.deserialize_cdr(raw.data, type_)
+        return store.deserialize_ros1(raw.data, type_)
     except Exception as error:  # damaged bytes can raise anything in the decoder
-        where = f"the message recorded at {raw.log_time * 1e-9:.9f} s"
-        raise FileError(f"{topic}: {where} does not decode as {found}") from error
+        time = f"{raw.log_time * 1e-9:.9f} s"
+        raise FileError(f"{topic}: the message recorded at {time} does not decode as {type_}") from error
 
 
 def stamp_of(message: Any) -> int | None:
-    """Return the time in a message's header [ns], of several transforms the first; None where there is none."""
+    """Return the time in a message's header [ns], or in that of its first transform; None if it has no header."""
     stamped = message.transforms[0] if hasattr(message, "transforms") else message
-    return stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec if hasattr(stamped, "header") else None
+    if not hasattr(stamped, "header"):
+        return None
+    return stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec
 
 
 def poses_of(message: Any) -> list[Pose]:
     """Return the pose in a message of POSE_TYPES, or the transforms in one of TRANSFORM_TYPES; none in others."""
     if hasattr(message, "transforms"):
-        placed = [(each, each.child_frame_id, each.transform) for each in message.transforms]
-        return [_pose(each, child, place.translation, place.rotation) for each, child, place in placed]
+        return [
+            _pose(stamped, stamped.child_frame_id, stamped.transform.translation, stamped.transform.rotation)
+            for stamped in message.transforms
+        ]
     if not hasattr(message, "pose"):
         return []
     pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
@@ -203,7 +216,8 @@ def image_in(message: Any) -> bytes | NDArray[np.uint8]:
     Raises FileError where it is no colour image.
     """
     if hasattr(message, "format"):
-        data, colour = bytes(message.data), message.format.split(";")[0].strip()
+        data = bytes(message.data)
+        colour = message.format.split(";")[0].strip()
         if codec_of(data) is None or colour.startswith("mono") or colour.endswith("C1"):
             raise FileError(f"images are {message.format!r}, allowed are colour images as JPEG or PNG")
         return data
@@ -215,27 +229,32 @@ def image_in(message: Any) -> bytes | NDArray[np.uint8]:
             f"images are encoded as {message.encoding!r}, allowed are {', '.join(ENCODINGS)}: colour images"
         )
     size, conversion = ENCODINGS[encoding]
-    height, width, step = message.height, message.width, message.step
-    found = f"an image of {height} rows and {width} columns"
+    height = message.height
+    width = message.width
+    step = message.step  # bytes of a row
+    name = f"an image of {height} rows and {width} columns"
     if not height or not width or step < size * width or len(message.data) != height * step:
         raise FileError(
-            f"{found} has {len(message.data)} bytes in rows of {step}, expected {size} bytes a column and all rows"
+            f"{name} has {len(message.data)} bytes in rows of {step}, expected {size} bytes a column and all rows"
         )
     rows = np.asarray(message.data, np.uint8).reshape(height, step)[:, : size * width]
     pixels = np.ascontiguousarray(rows.reshape(height, width, size))
+    if not conversion:
+        return np.asarray(pixels, np.uint8)
     try:
-        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")) if conversion else pixels, np.uint8)
+        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")), np.uint8)
     except cv2.error as error:  # such as an odd width
-        raise FileError(f"{found} is no {message.encoding}") from error
+        raise FileError(f"{name} is no {message.encoding}") from error
 
 
 @cache
 def ros_types(encoding: str) -> Any:
-    """Return the message types of ROS 2 ("cdr") or ROS 1 ("ros1"), as `rosbags` has them."""
+    """Return the message types of ROS 2 ("cdr") or ROS 1 ("ros1"), as objects of `rosbags`."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     if encoding == "cdr":
-        return get_typestore(Stores.ROS2_DASHING)  # the first loads fastest, and palpate's types are alike in all
+        # The oldest release loads fastest, and the types that palpate uses are the same in all.
+        return get_typestore(Stores.ROS2_DASHING)
     store = get_typestore(Stores.ROS1_NOETIC)
     for name in TRANSFORM_TYPES:
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))

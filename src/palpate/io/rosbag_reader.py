@@ -1,7 +1,7 @@
 """Bags of ROS messages, read by `rosbags` and `mcap`: MCAP, ROS 2 (.db3 or its folder) and ROS 1 (.bag).
 
-`bag_messages` yields what is in a bag, `contents` summarises it: topics, rates, clocks and frames. Bags hold no
-outline of the object, so `rosbag_recording.read_bag` makes a recording of one together with an outline.
+`bag_messages` yields the messages of a bag, `contents` summarises them: topics, rates, clocks and frames. Bags hold no
+outline of the object; `rosbag_recording.read_bag` makes a recording of a bag and an outline.
 """
 
 import logging
@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 
 class CutShort(Exception):
-    """A file ends too early or is damaged from some place on; everything before that was read."""
+    """A file ends too early, or is damaged from some point on; everything before that was read."""
 
 
 def is_mcap(path: Path) -> bool:
@@ -41,8 +41,10 @@ def mcap_messages(path: Path) -> Iterator[RawMessage]:
         try:
             reader = NonSeekingReader(file, validate_crcs=True, record_size_limit=path.stat().st_size)
             for schema, channel, message in reader.iter_messages(log_time_order=False):
-                encoding, type_ = channel.message_encoding, schema.name if schema else ""
-                type_ = type_.replace("/", "/msg/") if encoding == "ros1" else type_
+                encoding = channel.message_encoding
+                type_ = schema.name if schema else ""
+                if encoding == "ros1":
+                    type_ = type_.replace("/", "/msg/")
                 yield RawMessage(Channel(channel.topic, type_, encoding), message.log_time, message.data)
         except OSError as error:
             raise FileError(f"{path}: cannot be read ({error.strerror})") from error
@@ -52,13 +54,13 @@ def mcap_messages(path: Path) -> Iterator[RawMessage]:
 
 
 def front_matter(path: Path) -> tuple[dict[str, dict[str, str]], dict[str, bytes]]:
-    """Return metadata and attachments, by name, that stand before the first message of an MCAP."""
+    """Return the metadata and attachments, by name, that come before the first message of an MCAP."""
     from mcap.records import Attachment, Chunk, Message, Metadata
     from mcap.stream_reader import StreamReader
 
     metadata: dict[str, dict[str, str]] = {}
     attachments: dict[str, bytes] = {}
-    with path.open("rb") as file, suppress(Exception):  # of damaged bytes; what stands before them counts
+    with path.open("rb") as file, suppress(Exception):  # of damaged bytes; what comes before them counts
         limit = path.stat().st_size  # so that a damaged length does not ask for memory
         for record in StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=limit).records:
             if isinstance(record, Metadata):
@@ -82,22 +84,18 @@ def _is_ros2(path: Path) -> bool:
 def existing_bag(path: Path | str) -> Path:
     """Return the path of a file with content or of the folder of a ROS 2 bag. Raises FileError.
 
-    `rosbags` sees neither what a database has beside it, a log (NAME.db3-wal) or the journal of a write that was cut
-    off (NAME.db3-journal), nor files that metadata.yaml does not list.
+    Errors also name two things that `rosbags` would overlook: files beside a database that hold a part of it, its log
+    (NAME.db3-wal) or the journal of a write that was cut off (NAME.db3-journal), and files that metadata.yaml does not
+    list.
     """
     path = Path(path)
-    files = sorted([*path.glob("[!.]*.mcap*"), *path.glob("[!.]*.db3*")]) if path.is_dir() else [path]
+    if not path.is_dir():
+        _check_no_journal(path)
+        return existing_file(path)
+    files = sorted([*path.glob("[!.]*.mcap*"), *path.glob("[!.]*.db3*")])
     parts = [file for file in files if not file.name.endswith(("-wal", "-shm", "-journal"))]
     for part in parts:
-        for mark, first in (("-wal", b""), ("-journal", b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7")):
-            log = realpath(part) + mark
-            if Path(log).is_file() and Path(log).stat().st_size and begins_with(Path(log), first):
-                raise FileError(
-                    f"{part}: {Path(log).name} beside it holds what is not in it yet, as its recorder runs or was "
-                    f"killed; stop the recorder and run: sqlite3 {part} 'PRAGMA journal_mode=DELETE'"
-                )
-    if not path.is_dir():
-        return existing_file(path)
+        _check_no_journal(part)
     if not parts:
         raise FileError(
             f"{path}: is a folder without .db3 or .mcap; were they moved? One of images: see palpate convert --images"
@@ -110,6 +108,17 @@ def existing_bag(path: Path | str) -> Path:
                 f"on the folder, or give recordings themselves, as {part}"
             )
     return path
+
+
+def _check_no_journal(part: Path) -> None:
+    """Raise FileError if a file beside a database holds a part of it."""
+    for suffix, first_bytes in (("-wal", b""), ("-journal", b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7")):
+        log = Path(realpath(part) + suffix)
+        if log.is_file() and log.stat().st_size and begins_with(log, first_bytes):
+            raise FileError(
+                f"{part}: {log.name} beside it holds what is not in it yet, as its recorder runs or was killed; stop "
+                f"the recorder and run: sqlite3 {part} 'PRAGMA journal_mode=DELETE'"
+            )
 
 
 def bag_messages(path: Path) -> Iterator[RawMessage]:
@@ -149,35 +158,41 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
 
 @dataclass
 class Stream:
-    """The messages of one topic, or the transforms of one frame, as numbers."""
+    """Times and numbers of the messages of one topic, or of the transforms of one frame."""
 
     name: str
     is_transform: bool = False
     is_static: bool = False
     """True for transforms that hold at all times."""
     times: dict[str, "array[int]"] = field(default_factory=lambda: {"log": array("q"), "header": array("q")})
-    """Times by clock [ns]; messages without headers have none in these."""
+    """Times by clock [ns]; by the clock of headers there are none if messages have no headers."""
     frames: list[str] = field(default_factory=list)
-    """Frames that its poses are given in; several contradict one another."""
+    """Frames in which the poses are given; several contradict one another."""
     numbers: "array[float]" = field(default_factory=partial(array, "d"))
-    """Seven of each pose, position x, y, z [m] and quaternion x, y, z, w; one of each contact flag."""
+    """Seven numbers of each pose, position x, y, z [m] and quaternion x, y, z, w; one number of each contact flag."""
     damaged: int = 0
     """Number of messages that do not decode."""
 
     def are_equal(self, clock: str) -> bool:
-        """Return true if too many messages have one time; transforms may be sent again."""
+        """Return true if too many messages have the same time: half of them or, of transforms, all.
+
+        Transforms may be sent again.
+        """
         times = self.times[clock]
-        return len(times) > 1 and len(set(times)) <= (1 if self.is_transform else len(times) // 2)
+        fewest_different = 1 if self.is_transform else len(times) // 2
+        return len(times) > 1 and len(set(times)) <= fewest_different
 
     @property
     def offsets(self) -> Times:
-        """Header stamps less times of recording [ns]; none without headers, or where they are 0, which is no stamp."""
-        header = np.array(self.times["header"], np.int64)
-        return (header - np.array(self.times["log"], np.int64)[: len(header)])[header != 0]
+        """Header stamps less times of recording [ns], of messages with a stamp; a stamp of 0 counts as none."""
+        stamp = np.array(self.times["header"], np.int64)
+        log_time = np.array(self.times["log"], np.int64)[: len(stamp)]
+        return (stamp - log_time)[stamp != 0]
 
     def about(self) -> dict[str, Any]:
         """Return the numbers that `palpate info` shows."""
-        steps, offsets = np.diff(np.sort(np.array(self.times["log"]))) * 1e-9, self.offsets * 1e-9
+        steps = np.diff(np.sort(np.array(self.times["log"]))) * 1e-9
+        offsets = self.offsets * 1e-9
         median = float(np.median(steps)) if len(steps) else 0.0
         return {
             "messages": len(self.times["log"]) + self.damaged,
@@ -207,46 +222,33 @@ class Stream:
 
 @dataclass(frozen=True)
 class Contents:
-    """Contents of a bag, but for its images."""
+    """Contents of a bag without its images."""
 
     path: Path
     topics: dict[Channel, Stream]
     """Sorted by name."""
     transforms: dict[str, Stream]
-    """Transforms by the frame that they place."""
+    """Transforms by the frame whose pose they give."""
 
     def of(self, types: Collection[str]) -> dict[str, Stream]:
         """Return the topics of some types that are read, by name."""
-        return {each.topic: stream for each, stream in self.topics.items() if each.is_read and each.type in types}
+        return {
+            channel.topic: stream
+            for channel, stream in self.topics.items()
+            if channel.is_read and channel.type in types
+        }
 
 
 def contents(path: Path) -> Contents:
-    """Read a bag through and summarise it; warns where it is cut off or damaged. Raises FileError if it is empty."""
+    """Read a whole bag and summarise it; warns where it is cut off or damaged. Raises FileError if it is empty."""
     topics: dict[Channel, Stream] = {}
     transforms: dict[str, Stream] = {}
     cut = None
     try:
         for raw in bag_messages(path):
-            channel, is_transform = raw.channel, raw.channel.type in TRANSFORM_TYPES
-            topic = topics.setdefault(channel, Stream(channel.topic, is_transform))
-            if not channel.is_read:
-                topic.add(raw.log_time, None)
-                continue
-            try:
-                message = decoded(raw)
-            except FileError:
-                topic.damaged += 1
-                continue
-            poses = poses_of(message)
-            if is_transform and not poses:
-                continue
-            topic.add(raw.log_time, stamp_of(message), None if is_transform or not poses else poses[0])
-            if channel.type == BOOL:
-                topic.numbers.append(message.data)
-            for pose in poses if is_transform else ():
-                stream = transforms.setdefault(pose.child, Stream(f"transforms of {pose.child}", is_transform))
-                stream.is_static |= channel.topic.endswith("tf_static")
-                stream.add(raw.log_time, pose.stamp, pose)
+            is_transform = raw.channel.type in TRANSFORM_TYPES
+            topic = topics.setdefault(raw.channel, Stream(raw.channel.topic, is_transform))
+            _add_message(raw, topic, transforms)
     except CutShort as error:
         cut = error
     count = sum(len(topic.times["log"]) + topic.damaged for topic in topics.values())
@@ -258,3 +260,26 @@ def contents(path: Path) -> Contents:
         if topic.damaged:
             logger.warning("%s: %d messages of %s do not decode and are left out", path, topic.damaged, topic.name)
     return Contents(path, dict(sorted(topics.items())), transforms)
+
+
+def _add_message(raw: RawMessage, topic: Stream, transforms: dict[str, Stream]) -> None:
+    """Add a message to the stream of its topic, and its transforms to those of their frames."""
+    if not raw.channel.is_read:
+        topic.add(raw.log_time, None)
+        return
+    try:
+        message = decoded(raw)
+    except FileError:
+        topic.damaged += 1
+        return
+    poses = poses_of(message)
+    if not topic.is_transform:
+        topic.add(raw.log_time, stamp_of(message), poses[0] if poses else None)
+        if raw.channel.type == BOOL:
+            topic.numbers.append(message.data)
+    elif poses:
+        topic.add(raw.log_time, stamp_of(message))
+        for pose in poses:
+            stream = transforms.setdefault(pose.child, Stream(f"transforms of {pose.child}", is_transform=True))
+            stream.is_static |= raw.channel.topic.endswith("tf_static")
+            stream.add(raw.log_time, pose.stamp, pose)

@@ -16,7 +16,7 @@ from palpate.arrays import Array, Flags
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
-from palpate.io.from_arrays import nanoseconds, planar_fields
+from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
 from palpate.io.recording import Recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
@@ -44,13 +44,15 @@ class _Source(NamedTuple):
     frame: str
     """Frame that the poses are given in."""
     steps: list[tuple[Stream, bool]]
-    """The topic's poses, or transforms on the way from parent to child; true where one is taken backwards."""
+    """The topic's poses, or the transforms on the way from parent to child; true for one that is inverted."""
 
     def placed(self, clock: str, time: Times) -> Placed:
         """Return the poses at times (M,) [ns] of a clock."""
-        steps = ((stream.placed(clock, time), is_backwards) for stream, is_backwards in self.steps)
-        found = reduce(matmul, [step.inverse() if is_backwards else step for step, is_backwards in steps])
-        return replace(found, name=self.name)
+        placed = []
+        for stream, is_inverted in self.steps:
+            step = stream.placed(clock, time)
+            placed.append(step.inverse() if is_inverted else step)
+        return replace(reduce(matmul, placed), name=self.name)
 
     def times(self, clock: str) -> list[Times]:
         """Return the times [ns] of all its streams that move, by a clock."""
@@ -68,9 +70,9 @@ def read_bag(
     truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks differ, or poses leave
     the plane.
     """
-    found = contents(Path(path))
-    with in_file(found.path):
-        return recording_of(found, shape, choices or BagChoices(), sensor)
+    bag = contents(Path(path))
+    with in_file(bag.path):
+        return recording_of(bag, shape, choices or BagChoices(), sensor)
 
 
 def read_poses(
@@ -80,177 +82,206 @@ def read_poses(
 
     The source is a topic, or two frames of the transforms, PARENT:CHILD; None if there is only one. Raises FileError.
     """
-    found, choices = contents(Path(path)), BagChoices(sensor_poses=source, clock=clock)
-    with in_file(found.path):
-        chosen, _ = _sources(found, choices)
+    bag = contents(Path(path))
+    with in_file(bag.path):
+        chosen, _ = _sources(bag, BagChoices(sensor_poses=source, clock=clock))
         time = np.unique(max(chosen.times(clock), key=len, default=np.zeros(1, np.int64)))
         placed = chosen.placed(clock, time)
-    return time[placed.known], np.hstack([placed.position, placed.rotation.as_quat()])[placed.known]
+    poses = np.hstack([placed.position, placed.rotation.as_quat()])
+    return time[placed.known], poses[placed.known]
 
 
-def _sources(found: Contents, choices: BagChoices, *others: Stream) -> tuple[_Source, _Source | None]:
+def _sources(bag: Contents, choices: BagChoices, *others: Stream) -> tuple[_Source, _Source | None]:
     """Return the sources of the sensor's and the object's poses; checks their times, and those of other streams.
 
-    Raises FileError, with the candidates where none of several is named.
+    Raises FileError, which lists the candidates if there are several and none is named.
     """
     if choices.clock not in ("header", "log"):
         raise SettingError(f"clock is {choices.clock!r}; allowed are header, log")
-    truth = None if choices.object_poses is None else _source(found, choices.object_poses, None)
-    place = _source(found, choices.sensor_poses, truth)
-    streams = [*others, *(stream for source in (place, truth) if source for stream, _ in source.steps)]
+    truth = None if choices.object_poses is None else _source(bag, choices.object_poses, None)
+    sensor = _source(bag, choices.sensor_poses, truth)
+    streams = [*others, *(stream for stream, _ in sensor.steps)]
+    if truth is not None:
+        streams += [stream for stream, _ in truth.steps]
     _check_times([stream for stream in streams if not stream.is_static], choices.clock)
-    if truth is not None and truth.frame != place.frame:
+    if truth is not None and truth.frame != sensor.frame:
         raise FileError(
-            f"poses of the sensor are given in frame {place.frame!r}, those of the object in {truth.frame!r}"
+            f"poses of the sensor are given in frame {sensor.frame!r}, those of the object in {truth.frame!r}"
         )
-    return place, truth
+    return sensor, truth
 
 
 def _check_times(streams: list[Stream], clock: Literal["header", "log"]) -> None:
-    """Raise FileError unless the times of what is read are set, differ, and come from one clock.
+    """Raise FileError unless the times of streams are set, differ, and come from one clock.
 
-    Header stamps are held against the times of recording, where there are any: within a second, as a message is
-    recorded some time after it was sent.
+    Header stamps are compared with the times of recording, where there are any: they must agree within a second, as a
+    message is recorded some time after it was sent.
     """
     is_header = clock == "header" and not any(stream.are_equal("log") for stream in streams)
     advice = "; --clock log takes the times of recording" if is_header else ""
-    ends = list[tuple[int, str]]()
+    ends: list[tuple[int, str]] = []  # the least and the largest offset of each stream [ns], with its name
     for stream in streams:
-        times, offsets = stream.times[clock], stream.offsets
         if not stream.times["log"]:
             raise FileError(f"none of {stream.damaged} messages in {stream.name} decodes")
         if stream.are_equal(clock):
-            found = f"{len(times)} messages in {stream.name} have only {len(set(times))} different"
-            raise FileError(f"{found} {'times of recording' if clock == 'log' else 'header stamps'}{advice}")
-        ends += [(int(end(offsets)), stream.name) for end in (np.min, np.max) if len(offsets)]
-    if is_header and ends:
-        (least, early), (most, late) = min(ends), max(ends)
-        if most - least > 10**9:
-            raise FileError(
-                f"clocks differ or jump: header stamps are {least * 1e-9:+.3f} s off the times of recording in "
-                f"{early}, {most * 1e-9:+.3f} s in {late}{advice}"
-            )
+            times = stream.times[clock]
+            kind = "times of recording" if clock == "log" else "header stamps"
+            different = f"{len(times)} messages in {stream.name} have only {len(set(times))} different"
+            raise FileError(f"{different} {kind}{advice}")
+        if len(stream.offsets):
+            ends.append((int(stream.offsets.min()), stream.name))
+            ends.append((int(stream.offsets.max()), stream.name))
+    if not is_header or not ends:
+        return
+    least, early = min(ends)
+    most, late = max(ends)
+    if most - least > 10**9:
+        raise FileError(
+            f"clocks differ or jump: header stamps are {least * 1e-9:+.3f} s off the times of recording in "
+            f"{early}, {most * 1e-9:+.3f} s in {late}{advice}"
+        )
 
 
-def _source(found: Contents, name: str | None, leave_out: _Source | None) -> _Source:
+def _source(bag: Contents, name: str | None, leave_out: _Source | None) -> _Source:
     """Return the named source of poses, or the only one but `leave_out`: a topic, or one chain of all transforms."""
     parent, colon, child = (name or "").partition(":")
     if colon:
-        return _chain(found, parent.lstrip("/"), child.lstrip("/"))
-    above = {each for one in found.transforms.values() for each in one.frames}
-    ways = [_way_up(found, child) for child in sorted(found.transforms.keys() - above)]
-    chains = [f"{way[-1]}:{way[0]}" for way in ways if way[-1] not in found.transforms]
-    topics = found.of(POSE_TYPES)
-    names = [each for each in [*topics, *chains] if leave_out is None or each != leave_out.name]
+        return _chain(bag, parent.lstrip("/"), child.lstrip("/"))
+    chains = _whole_chains(bag)
+    topics = bag.of(POSE_TYPES)
+    names = [source for source in [*topics, *chains] if leave_out is None or source != leave_out.name]
     option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
-    chosen = _only(found, "source of poses", names, name, option)
+    chosen = _only(bag, "source of poses", names, name, option)
     if chosen in chains:
-        return _chain(found, *chosen.split(":"))
-    frames = sorted(topics[chosen].frames)  # none where all messages are damaged
+        return _chain(bag, *chosen.split(":"))
+    frames = sorted(topics[chosen].frames)  # none if all messages are damaged
     if len(frames) > 1:
         raise FileError(f"{chosen}: poses are given in several frames, {', '.join(map(repr, frames))}")
     return _Source(chosen, "".join(frames), [(topics[chosen], False)])
 
 
-def _way_up(found: Contents, name: str) -> list[str]:
+def _whole_chains(bag: Contents) -> list[str]:
+    """Return PARENT:CHILD of each chain of transforms from a frame without a parent to one without a child."""
+    parents = {frame for stream in bag.transforms.values() for frame in stream.frames}
+    ways = [_way_up(bag, child) for child in sorted(bag.transforms.keys() - parents)]
+    return [f"{way[-1]}:{way[0]}" for way in ways if way[-1] not in bag.transforms]
+
+
+def _way_up(bag: Contents, name: str) -> list[str]:
     """Return a frame and those above it, up to one without a parent, with several, or that was met before."""
     way = [name]
-    while way[-1] not in way[:-1] and way[-1] in found.transforms and len(found.transforms[way[-1]].frames) == 1:
-        way += found.transforms[way[-1]].frames
+    while way[-1] not in way[:-1] and way[-1] in bag.transforms and len(bag.transforms[way[-1]].frames) == 1:
+        way += bag.transforms[way[-1]].frames
     return way
 
 
-def _chain(found: Contents, parent: str, child: str) -> _Source:
-    """Return the chain of transforms between two frames. Raises FileError where there is none."""
-    ways = _way_up(found, parent), _way_up(found, child)
-    for way in ways:
+def _chain(bag: Contents, parent: str, child: str) -> _Source:
+    """Return the chain of transforms between two frames. Raises FileError if there is none."""
+    from_parent = _way_up(bag, parent)
+    from_child = _way_up(bag, child)
+    for way in (from_parent, from_child):
         if way[-1] in way[:-1]:
             raise FileError(f"transforms run in a circle: {' < '.join(way)}")
-    meeting = next((name for name in ways[1] if name in ways[0]), None)
+    meeting = next((name for name in from_child if name in from_parent), None)
     if meeting is None or parent == child:
-        for way in ways:
-            if way[-1] in found.transforms:
-                frames = found.transforms[way[-1]].frames
+        for way in (from_parent, from_child):
+            if way[-1] in bag.transforms:
+                frames = bag.transforms[way[-1]].frames
                 raise FileError(f"frame {way[-1]} has {len(frames)} parents, {' and '.join(frames)}")
-        raise FileError(f"no chain of transforms leads from {parent!r} to {child!r}{_frames(found)}")
-    up, down = (way[: way.index(meeting)] for way in ways)
-    steps = [(name, True) for name in up] + [(name, False) for name in down[::-1]]
-    return _Source(f"{parent}:{child}", parent, [(found.transforms[name], back) for name, back in steps])
+        raise FileError(f"no chain of transforms leads from {parent!r} to {child!r}{_frames(bag)}")
+    up = from_parent[: from_parent.index(meeting)]
+    down = from_child[: from_child.index(meeting)]
+    steps = [(bag.transforms[name], True) for name in up]
+    steps += [(bag.transforms[name], False) for name in reversed(down)]
+    return _Source(f"{parent}:{child}", parent, steps)
 
 
-def _frames(found: Contents) -> str:
-    names = {name for child, stream in found.transforms.items() for name in (child, *stream.frames)}
+def _frames(bag: Contents) -> str:
+    """Return words that list the frames of all transforms, or ""."""
+    names = {name for child, stream in bag.transforms.items() for name in (child, *stream.frames)}
     return f"; frames of transforms are {', '.join(sorted(names))}" if names else ""
 
 
-def _only(found: Contents, what: str, names: list[str], chosen: str | None, option: str) -> str:
+def _only(bag: Contents, kind: str, names: list[str], chosen: str | None, option: str) -> str:
     """Return the chosen name, or the only one of some. Raises FileError that lists them."""
     if chosen in names or (chosen is None and len(names) == 1):
         return chosen or names[0]
-    others = ", ".join(f"{each.topic} of {each.type}" for each in found.topics if not each.is_read)
-    there = (", ".join(names) or f"none of a type that is read, but {others or 'no others'}") + _frames(found)
-    wrong = f"has no {what} {chosen!r}" if chosen else f"has {'more than one' if names else 'no'} {what}"
-    raise FileError(f"{wrong}; there are {there}; name one by {option}")
+    others = ", ".join(f"{channel.topic} of {channel.type}" for channel in bag.topics if not channel.is_read)
+    candidates = ", ".join(names) or f"none of a type that is read, but {others or 'no others'}"
+    problem = f"has {'more than one' if names else 'no'} {kind}"
+    if chosen:
+        problem = f"has no {kind} {chosen!r}"
+    raise FileError(f"{problem}; there are {candidates}{_frames(bag)}; name one by {option}")
 
 
-def recording_of(found: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
+def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
     """Return a bag whose contents are known as a recording; see `read_bag`."""
-    of_gel, flags = onto_gel(choices), None
-    seen: list[tuple[int, Any]] | None = None
-    are_flags = not sensor.image_height or (found.of((BOOL,)) and not found.of(IMAGE_TYPES))
+    poses_of_gel = onto_gel(choices)
+    are_flags = not sensor.image_height or (bag.of((BOOL,)) and not bag.of(IMAGE_TYPES))
+    images = None
+    flags = None
     if choices.image_times is not None:
-        place, truth = _sources(found, choices)
-        topic, seen = str(choices.image_times), _listed_images(Path(choices.image_times), choices.images)
+        poses, truth = _sources(bag, choices)
+        topic = str(choices.image_times)
+        stamps, images = _sorted_images(topic, _listed_images(Path(choices.image_times), choices.images))
+    elif are_flags:
+        topics = bag.of((BOOL,))
+        topic = _only(bag, "topic of contact flags", [*topics], choices.images, "--images TOPIC")
+        poses, truth = _sources(bag, choices, topics[topic])
+        stamps, flags = _flags(topics[topic], poses, choices.clock, sensor.rate)
     else:
-        types, what = ((BOOL,), "topic of contact flags") if are_flags else (IMAGE_TYPES, "image topic")
-        topics = found.of(types)
-        topic = _only(found, what, [*topics], choices.images, "--images TOPIC")
-        place, truth = _sources(found, choices, topics[topic])
-        if not are_flags:
-            seen = list(_images(found, topic, choices.clock))
-    images = dict(seen or ())
-    if seen is None:
-        stamps, flags = _flags(found.of((BOOL,))[topic], place, choices.clock, sensor.rate)
-    else:
-        stamps = np.array(sorted(images), np.int64)
-        if repeated := len(seen) - len(images):
-            logger.warning("%s: %d images have the time of another one and are left out", topic, repeated)
+        topics = bag.of(IMAGE_TYPES)
+        topic = _only(bag, "image topic", [*topics], choices.images, "--images TOPIC")
+        poses, truth = _sources(bag, choices, topics[topic])
+        stamps, images = _sorted_images(topic, list(_images(bag, topic, choices.clock)))
     time = stamps + round(choices.time_offset * 1e9)
-    fields, plane = planar_fields(
-        str(found.path),
-        place.frame,
+    frames = SpatialFrames(
         time,
-        choices,
-        of_gel(place.placed(choices.clock, time)),
-        truth and truth.placed(choices.clock, time),
-        None if seen is None else (topic, [images[stamp] for stamp in stamps.tolist()]),
+        poses_of_gel(poses.placed(choices.clock, time)),
+        None if truth is None else truth.placed(choices.clock, time),
+        None if images is None else (topic, images),
         flags,
-        sensor,
     )
-    names = ", ".join([topic, place.name, *([truth.name] if truth else [])])
-    source = f"bag {found.path.name}: {names}"
-    return BagReading(Recording(**fields, shape=shape, source=source, file=found.path), plane)
+    names = [topic, poses.name]
+    if truth is not None:
+        names.append(truth.name)
+    source = f"bag {bag.path.name}: {', '.join(names)}"
+    fields, plane = planar_fields(str(bag.path), poses.frame, frames, choices, sensor)
+    return BagReading(Recording(**fields, shape=shape, source=source, file=bag.path), plane)
 
 
-def _flags(stream: Stream, place: _Source, clock: str, rate: float) -> tuple[Times, Flags]:
+def _sorted_images(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, list[Any]]:
+    """Return times [ns] and images in the order of time; of several at one time the last is kept, with a warning."""
+    by_time = dict(images)
+    stamps = sorted(by_time)
+    repeated = len(images) - len(by_time)
+    if repeated:
+        logger.warning("%s: %d images have the time of another one and are left out", topic, repeated)
+    return np.array(stamps, np.int64), [by_time[stamp] for stamp in stamps]
+
+
+def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Times, Flags]:
     """Return times (N,) [ns] at a rate [Hz], from the first contact flag to the last pose, and the latest flags.
 
-    Flags have no headers: they came as long after their time as the poses did.
+    Flags have no headers: by that clock they are taken to have been recorded as late as the poses.
     """
-    sent, poses = np.array(stream.times["log"], np.int64), place.times(clock)
+    sent = np.array(stream.times["log"], np.int64)
     if clock == "header":
-        offsets = [each.offsets for each, _ in place.steps if not each.is_static]
-        sent += int(np.median(offsets[0])) if offsets else 0
+        offsets = [step.offsets for step, _ in poses.steps if not step.is_static]
+        if offsets:
+            sent += int(np.median(offsets[0]))
     order = np.argsort(sent, kind="stable")
-    time = np.arange(sent.min(), max([sent.min(), *map(np.max, poses)]) + 1, round(1e9 / rate))
+    end = max([sent.min(), *map(np.max, poses.times(clock))])
+    time = np.arange(sent.min(), end + 1, round(1e9 / rate))
     latest = np.searchsorted(sent[order], time, "right") - 1
-    return time, np.array(stream.numbers)[order][latest] == 1.0
+    flags = np.array(stream.numbers)[order] == 1.0
+    return time, flags[latest]
 
 
-def _images(found: Contents, topic: str, clock: str) -> Iterator[tuple[int, bytes | FileError]]:
+def _images(bag: Contents, topic: str, clock: str) -> Iterator[tuple[int, bytes | FileError]]:
     """Yield times [ns] and encoded images of a topic, or the error on one that is damaged."""
     with suppress(CutShort):  # of which `contents` has warned
-        for raw in bag_messages(found.path):
+        for raw in bag_messages(bag.path):
             if raw.channel.topic != topic or not raw.channel.is_read or raw.channel.type not in IMAGE_TYPES:
                 continue
             with suppress(FileError):  # `contents` has counted messages that do not decode
@@ -270,7 +301,8 @@ def _listed_images(table: Path, folder: Path | str | None) -> list[tuple[int, Pa
         for line, (time, _) in rows:
             if numbers_of([time]) is None:
                 raise FileError(f"line {line}: time is {time!r}, expected seconds, or whole nanoseconds")
-        are_whole = all(time.isdecimal() for _, (time, _) in rows)
-        stamps = nanoseconds("time", [int(row[0]) if are_whole else float(row[0]) for _, row in rows], least=1e-3)
+        texts = [time for _, (time, _) in rows]
+        are_nanoseconds = all(text.isdecimal() for text in texts)
+        stamps = nanoseconds("time", [int(text) if are_nanoseconds else float(text) for text in texts], least=1e-3)
     files = [(folder or table.parent) / Path(name) for _, (_, name) in rows]
     return list(zip(stamps.tolist(), files, strict=True))

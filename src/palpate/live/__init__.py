@@ -1,1 +1,1 @@
-"""Live tracking: sources of images and sensor poses, the loop between them, its recording and its table."""
+"""Live tracking: sources of images and sensor poses, the loop that tracks them, and its recorder."""

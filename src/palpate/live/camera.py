@@ -1,4 +1,4 @@
-"""A camera of this computer, by number or path; or a video, or a folder of images, in its place."""
+"""Images from a camera of this computer, by number or path; or from a video or a folder of images in its place."""
 
 import os
 import threading
@@ -21,22 +21,26 @@ from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
 
 Pictures: TypeAlias = Generator[tuple[float, Any]]
-"""Times on the session's clock [s], and pixels as OpenCV has them, None for a damaged image."""
+"""Times on the session's clock [s], and pixels in the order of OpenCV, None for a damaged image."""
 
 
 @contextmanager
 def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Placement) -> Iterator[Sources]:
     """Open a camera (number or path), or a video or folder in its place, and a source of poses.
 
-    Raises SettingError if camera or source are missing.
+    Raises SettingError if the camera or the source cannot be opened.
     """
-    now, path = clock_from(time()), Path(f"/dev/video{name}" if name.isdecimal() else name)
-    now()
-    is_film, view = path.is_dir() or path.is_file(), camera_view(placement.orientation)
-    rate, pictures = film(path, sensor, now) if is_film else camera(path, sensor, now)
+    now = clock_from(time())
+    now()  # it shows the time above when it is first read
+    path = Path(f"/dev/video{name}" if name.isdecimal() else name)
+    is_film = path.is_dir() or path.is_file()
+    view = camera_view(placement.orientation)
+    open_images = film if is_film else camera
+    rate, pictures = open_images(path, sensor, now)
+    first = 0 if is_film else 5  # the first images of a camera are old ones, from the driver's buffer
 
     def images(stop: threading.Event) -> Iterator[TouchImage | str]:
-        for when, pixels in islice(pictures, 0 if is_film else 5, None):  # without old ones, in the driver's buffer
+        for when, pixels in islice(pictures, first, None):
             if stop.is_set():
                 return
             yield TouchImage(when, b"" if pixels is None else upright(pixels, sensor, placement.orientation))
@@ -60,9 +64,8 @@ def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictur
     def pictures() -> Pictures:
         capture = cv2.VideoCapture(str(path), cv2.CAP_V4L2)
         # Cameras have landscape images, also those of a DIGIT.
-        sides = sensor.image_height, sensor.image_width
-        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, min(sides))
-        capture.set(cv2.CAP_PROP_FRAME_WIDTH, max(sides))
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, min(sensor.image_height, sensor.image_width))
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, max(sensor.image_height, sensor.image_width))
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         try:
             while path.exists() and capture.grab():  # OpenCV goes on grabbing from an unplugged camera
@@ -70,12 +73,13 @@ def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictur
         finally:
             capture.release()
 
-    found, begin = pictures(), now()
-    times = [when for when, _ in takewhile(lambda picture: picture[0] < begin + 1.0, found)]
+    opened = pictures()
+    begin = now()
+    times = [when for when, _ in takewhile(lambda picture: picture[0] < begin + 1.0, opened)]
     if len(times) < 2:
         cause = "another program may use it, or it gives no images" if path.exists() else "there is none"
         raise SettingError(f"camera {path} cannot be opened: {cause}")
-    return (len(times) - 1) / (times[-1] - times[0]), found
+    return (len(times) - 1) / (times[-1] - times[0]), opened
 
 
 def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures]:
@@ -86,15 +90,17 @@ def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures
     import cv2
 
     if path.is_dir():
-        found = sorted(map(str, path.glob("[!.]*")), key=counting_order)
-        files = [file for file in found if file.lower().endswith((".png", ".jpg", ".jpeg"))]
-        is_film, rate = bool(files), sensor.rate
+        names = sorted(map(str, path.glob("[!.]*")), key=counting_order)
+        files = [name for name in names if name.lower().endswith((".png", ".jpg", ".jpeg"))]
+        has_images = bool(files)
+        rate = sensor.rate
         pixels = (cv2.imread(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) for file in files)
     else:
         video = cv2.VideoCapture(str(path))
-        is_film, rate = video.isOpened(), video.get(cv2.CAP_PROP_FPS) or sensor.rate
+        has_images = video.isOpened()
+        rate = video.get(cv2.CAP_PROP_FPS) or sensor.rate
         pixels = (video.retrieve()[1] for _ in iter(video.grab, False))
-    if not is_film:
+    if not has_images:
         raise SettingError(f"camera {path}: is no video that OpenCV reads, nor a folder with PNG or JPEG images")
 
     def pictures() -> Pictures:
@@ -107,13 +113,15 @@ def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures
 
 
 def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
-    """Return an image of OpenCV as RGB in a sensor's size; other sizes than multiples of it stay.
+    """Return an image of OpenCV as upright RGB, scaled to a sensor's size if it is a multiple of it.
 
-    Without words on how they lie, landscape images are turned as digit-interface turns them.
+    If the user has not said how images lie, those on their side are turned as digit-interface turns them.
     """
     import cv2
 
-    size, view = (sensor.image_height, sensor.image_width), camera_view(orientation)
+    size = (sensor.image_height, sensor.image_width)
+    view = camera_view(orientation)
     if not orientation and (pixels.shape[0] < pixels.shape[1]) != (size[0] < size[1]):
-        view = CameraView(1)
-    return scaled(view.of(np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)), size)
+        view = CameraView(quarter_turns=1)
+    image = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
+    return scaled(view.of(image), size)

@@ -29,11 +29,11 @@ from palpate.types.measurements import Frame
 from palpate.types.space import flat
 
 Listen = Callable[[TouchImage | TimedPose | Estimate], Any]
-"""Receives everything that arrives and is estimated."""
+"""Function that receives every image, pose and estimate."""
 
 
 class LiveSession:
-    """Tracks the newest image as it arrives. Another thread may read counts and the last estimate."""
+    """Tracking of the newest image as it arrives. Another thread may read counts and the last estimate."""
 
     def __init__(self, tracker: Tracker, sources: Sources, say: Callable[[str], Any]) -> None:
         """Take the tracker, its sources, and a function that receives notes for the user."""
@@ -41,13 +41,15 @@ class LiveSession:
         self.counts: Counter[str] = Counter(
             images=0, tracked=0, dropped=0, without_pose=0, left_out=0, sensor_poses=0, refused_poses=0
         )
-        """Images, each in the end tracked, dropped for a newer one, without a sensor pose, or left out by the tracker;
-        sensor poses taken and refused."""
+        """Number of images, each of which is in the end tracked, dropped for a newer one, without a sensor pose, or
+        left out by the tracker; and number of sensor poses that were taken and refused."""
         self.statuses: Counter[str] = Counter()
         """Estimates by status."""
         self.last: Estimate | None = None
         """The last estimate."""
-        self._tracker, self._now, self._sources = tracker, sources.now, sources
+        self._tracker = tracker
+        self._sources = sources
+        self._now = sources.now
         self._listen: Listen = lambda item: None
         self._arrived: SimpleQueue[TouchImage | TimedPose | str | Exception] = SimpleQueue()
         self._poses = PoseTrack()
@@ -63,14 +65,16 @@ class LiveSession:
         or the tracker raises, and the FrameError of the first frame.
         """
         self._listen = listen or self._listen
-        sources = self._sources.images, self._sources.poses
-        threads = [threading.Thread(target=self._read, args=(source, stop), daemon=True) for source in sources]
+        threads = [
+            threading.Thread(target=self._read, args=(source, stop), daemon=True)
+            for source in (self._sources.images, self._sources.poses)
+        ]
         for thread in threads:
             thread.start()
         end = self._now() + seconds
         try:
             while not stop.is_set() and self._now() < end:
-                is_over = not threads[0].is_alive()  # asked before the queue, which nothing is put into afterwards
+                is_over = not threads[0].is_alive()  # asked before reading the queue, into which nothing comes later
                 self._receive(0.02)
                 if self._newest is not None:
                     self._step()
@@ -81,17 +85,18 @@ class LiveSession:
             for thread in threads:
                 thread.join(3.0)  # longer than a camera waits; one whose poses never come is left behind
         self._receive(0.0)
-        self.counts["dropped"] += self._newest is not None
+        self._count_dropped()
 
     def summary(self) -> dict[str, Any]:
         """Return counts, the rate of the last images, percentiles of the latency and the last estimate, for JSON."""
         times = list(self._times)
         rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else None
         latency = percentiles(self._latencies) if self._latencies else dict.fromkeys(PERCENTILES)
-        found = {**self.counts, "rate_hz": rate, "latency_ms": latency, "statuses": dict(self.statuses)}
-        if last := self.last:
-            found |= {"final_pose": last.pose.tolist(), "status": last.status, "reason": last.reason}
-        return found
+        summary = {**self.counts, "rate_hz": rate, "latency_ms": latency, "statuses": dict(self.statuses)}
+        last = self.last
+        if last:
+            summary |= {"final_pose": last.pose.tolist(), "status": last.status, "reason": last.reason}
+        return summary
 
     def _read(self, source: ImageSource | PoseSource, stop: threading.Event) -> None:
         """Put what a source yields into the queue, and the exception that ends it."""
@@ -109,7 +114,7 @@ class LiveSession:
                 self._take(self._arrived.get_nowait())
 
     def _take(self, item: TouchImage | TimedPose | str | Exception) -> None:
-        """Count what has arrived and pass it on; raise an exception."""
+        """Count an item that has arrived and pass it on; raise it if it is an exception that ended a source."""
         if isinstance(item, TimedPose):
             item = self._poses.add(item) or item
         if isinstance(item, str):
@@ -124,7 +129,7 @@ class LiveSession:
         else:
             item = item._replace(time=item.time + self._sources.time_offset)
             self.counts["images"] += 1
-            self.counts["dropped"] += self._newest is not None
+            self._count_dropped()
             self._times.append(item.time)
             self._newest = item
             self._listen(item)
@@ -132,15 +137,19 @@ class LiveSession:
     def _step(self) -> None:
         """Track the newest image, which waits up to 10 ms for a pose that follows it."""
         assert self._newest is not None
-        image, self._newest = self._newest, None
-        last = self._now() + 0.01
-        while not self._poses.reaches(image.time) and (left := last - self._now()) > 0.0:
+        image = self._newest
+        self._newest = None
+        end = self._now() + 0.01
+        while not self._poses.reaches(image.time):
+            left = end - self._now()
+            if left <= 0.0:
+                break
             self._receive(left)
         pose = self._poses.at(image.time)
         if isinstance(pose, FrameError):
             self._count_fault("without_pose", "an image is without a sensor pose", pose)
             return
-        size = self._sources.sensor.image_height, self._sources.sensor.image_width
+        size = (self._sources.sensor.image_height, self._sources.sensor.image_width)
         try:
             pixels = decode_image(image.data, size) if isinstance(image.data, bytes) else image.data
             estimate = self._tracker.update(Frame(image.time, pose, pixels))
@@ -149,7 +158,8 @@ class LiveSession:
                 raise
             self._count_fault("left_out", "a frame is left out", error)
             return
-        if (reason := self._tracker.tactile_reason) != self._tactile_reason:
+        reason = self._tracker.tactile_reason
+        if reason != self._tactile_reason:
             self._tactile_reason = reason
             self.say(f"tactile {self._tracker.tactile}: {reason}")
         self.counts["tracked"] += 1
@@ -157,6 +167,11 @@ class LiveSession:
         self._latencies.append(1e3 * (self._now() - image.time))
         self.last = estimate
         self._listen(estimate)
+
+    def _count_dropped(self) -> None:
+        """Count the newest image as dropped, if one is waiting."""
+        if self._newest is not None:
+            self.counts["dropped"] += 1
 
     def _count_fault(self, name: str, fault: str, reason: PalpateError) -> None:
         """Count a fault under a name, and tell the user of the first."""
@@ -179,7 +194,7 @@ def stop_on_signals() -> Iterator[threading.Event]:
 
 @contextmanager
 def recorder(path: Path, shape: Shape, sources: Sources, force: bool = False) -> Iterator[Listen]:
-    """Yield a function that records into a new MCAP what arrives from sources.
+    """Yield a function that records images, poses and estimates of a session into a new MCAP.
 
     Raises FileError if the file exists, unless `force`.
     """

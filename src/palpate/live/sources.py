@@ -1,7 +1,7 @@
 """Sources of a live session: images and sensor poses as they arrive, with times on one clock.
 
-A source is a generator that the session runs in a thread. It yields what arrives and, as text, notes for the user, and
-ends when the event is set.
+A source is a generator that the session runs in a thread. It yields images or poses as they arrive and, as text, notes
+for the user. It ends when the event is set.
 """
 
 import json
@@ -31,7 +31,7 @@ Clock = Callable[[], float]
 
 
 def clock_from(start: float) -> Clock:
-    """Return a clock that shows `start` [s] when it is first read, and runs evenly even if the computer's is set."""
+    """Return a clock that shows `start` [s] when it is first read; it does not jump if the computer's clock is set."""
     begin = cache(time.monotonic)
     return lambda: start - begin() + time.monotonic()
 
@@ -70,9 +70,9 @@ class Sources:
     sensor: SensorProfile
     """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them."""
     time_offset: float = 0.0
-    """Added to the times of images [s]: negative where they are late."""
+    """Added to the times of images [s]: negative if they are stamped late."""
     is_view_known: bool = False
-    """Images are upright for sure, since `orientation` said how they lay."""
+    """True if `orientation` said how images lay, so that they are upright for sure."""
 
 
 class PoseTrack:
@@ -82,7 +82,7 @@ class PoseTrack:
         self._poses: deque[TimedPose] = deque(maxlen=4096)
 
     def add(self, pose: TimedPose) -> FrameError | None:
-        """Add a pose; refuse one that is not later than the last."""
+        """Add a pose; return the error, and do not add it, if it is not later than the last."""
         if self._poses and pose.time <= self._poses[-1].time:
             return FrameError(f"its time {pose.time:.3f} s is not after the last one's, {self._poses[-1].time:.3f} s")
         self._poses.append(pose)
@@ -101,16 +101,19 @@ class PoseTrack:
         if not count:
             return FrameError("none has come before it")
         last = self._poses[count - 1]
-        if (age := time - last.time) > 0.15:
+        age = time - last.time
+        if age > 0.15:
             return FrameError(f"the last one before it is {age:.2f} s older, allowed are 0.15 s")
         if count < len(self._poses):
-            start, end = last, self._poses[count]
+            start = last
+            end = self._poses[count]
         else:
-            start, end = next(pose for pose in self._poses if pose.time >= last.time - 0.05), last
+            start = next(pose for pose in self._poses if pose.time >= last.time - 0.05)
+            end = last
         if start is end:
             return last.pose
         step = end.pose - start.pose
-        step[2] = se2.wrap(step[2])  # the shorter turn
+        step[2] = se2.wrap(step[2])  # the shorter way round
         pose = start.pose + (time - start.time) / (end.time - start.time) * step
         pose[2] = se2.wrap(pose[2])
         return pose
@@ -136,16 +139,17 @@ def replayed(recording: Recording) -> Sources:
                 return
             yield kind(when, value)
 
-    images_of, poses_of = partial(play, TouchImage, images), partial(play, TimedPose, recording.sensor_pose)
-    return Sources(images_of, poses_of, now, recording.sensor, is_view_known=recording.is_view_known)
+    play_images = partial(play, TouchImage, images)
+    play_poses = partial(play, TimedPose, recording.sensor_pose)
+    return Sources(play_images, play_poses, now, recording.sensor, is_view_known=recording.is_view_known)
 
 
 @contextmanager
-def udp_poses(name: str, now: Clock, place: GelPoses) -> Iterator[PoseSource]:
+def udp_poses(name: str, now: Clock, gel_poses: GelPoses) -> Iterator[PoseSource]:
     """Listen for poses at a port of this machine, udp:PORT, while the block runs. Raises SettingError.
 
-    They are JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, a pose has that of its arrival. It may
-    also be x, y, z and a quaternion x, y, z, w, or a 4x4 matrix.
+    They are JSON, {"time": s since 1970, "pose": [x, y, theta]}; without a time, a pose has that of its arrival. A pose
+    may also be x, y, z and a quaternion x, y, z, w, or a 4x4 matrix.
     """
     kind, _, port = name.partition(":")
     if kind != "udp" or not (port.isdecimal() and 0 < int(port) < 65536):
@@ -164,23 +168,27 @@ def udp_poses(name: str, now: Clock, place: GelPoses) -> Iterator[PoseSource]:
             listening.settimeout(0.1)
             while not stop.is_set():
                 with suppress(TimeoutError):
-                    yield _pose_in(listening.recv(65536), now(), place)
+                    yield _pose_in(listening.recv(65536), now(), gel_poses)
 
         yield receive
 
 
-def _pose_in(packet: bytes, now: float, place: GelPoses) -> TimedPose | FrameError:
+def _pose_in(packet: bytes, now: float, gel_poses: GelPoses) -> TimedPose | FrameError:
+    """Return the pose in a packet, or the reason to refuse it."""
     try:
         content = json.loads(packet)
-        return checked_pose(content.get("time", now), content["pose"], now, place)
+        return checked_pose(content.get("time", now), content["pose"], now, gel_poses)
     except (ValueError, RecursionError, AttributeError, KeyError):
         return FrameError(f"{packet[:60]!a} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
 
 
-def checked_pose(time: Any, numbers: Any, now: float, place: GelPoses, frame: str = "world") -> TimedPose | FrameError:
-    """Return the gel's pose at a time [s] from that of the part that carries it, or the reason to refuse it."""
+def checked_pose(
+    time: Any, numbers: Any, now: float, gel_poses: GelPoses, frame: str = "world"
+) -> TimedPose | FrameError:
+    """Return the gel's pose at a time [s] from the pose of the part that carries it, or the reason to refuse it."""
     try:
-        when, pose = float(time), place(numbers, frame)
+        when = float(time)
+        pose = gel_poses(numbers, frame)
     except FileError as error:
         return FrameError(str(error))
     except (TypeError, ValueError, OverflowError):

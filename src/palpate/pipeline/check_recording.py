@@ -17,65 +17,97 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     """Return the contents of a recording and everything that is wrong with it. Decodes every image.
 
     - frames, duration_s, rate_hz by the median interval.
-    - contact_share, truth_share: of the frames; None where contact is unknown.
+    - contact_share, truth_share: of the frames; None if contact is unknown.
     - contacts: start_s and end_s of each contact, since the first frame.
     - images: number of frames with an image; image_size: rows and columns [px].
-    - first_pose and its sigma; None where the recording has none.
+    - first_pose and its sigma; None if the recording has none.
     - findings: kind (rate, unit, time gap, light or image), start_s, end_s and sentence.
     """
-    time, contact, sensor = recording.time, recording.contact, recording.sensor
-    step, first, sigma = np.diff(time), recording.first_pose, recording.first_pose_sigma
+    time = recording.time
+    contact = recording.contact
+    sensor = recording.sensor
+    interval = np.diff(time)
+    first_pose = recording.first_pose
+    sigma = recording.first_pose_sigma
 
     def between(first: int, last: int) -> dict[str, float]:
+        """Return the times of two frames since the first of the recording [s]."""
         return {"start_s": float(time[first] - time[0]), "end_s": float(time[last] - time[0])}
 
     return {
         "frames": len(recording),
         "duration_s": float(time[-1] - time[0]),
-        "rate_hz": float(1.0 / np.median(step)) if len(step) else None,
+        "rate_hz": float(1.0 / np.median(interval)) if len(interval) else None,
         "contact_share": None if contact is None else float(np.mean(contact)),
         "truth_share": float(np.mean(np.isfinite(recording.truth[:, 0]))),
         "images": 0 if recording.image is None else sum(map(bool, recording.image)),
         "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
-        "first_pose": None if first is None else first.tolist(),
+        "first_pose": None if first_pose is None else first_pose.tolist(),
         "first_pose_sigma": None if sigma is None else sigma.tolist(),
         "contacts": [] if contact is None else [between(*ends) for ends in flag_runs(contact)],
         "findings": [
-            {"kind": kind, **between(*ends), "sentence": sentence} for kind, *ends, sentence in _faults(recording)
+            {"kind": kind, **between(first, last), "sentence": sentence}
+            for find in (_other_rate, _other_unit, _time_gaps, _damaged_images_and_light)
+            for kind, first, last, sentence in find(recording)
         ],
     }
 
 
-def _faults(recording: Recording) -> Iterator[tuple[str, int, int, str]]:
-    """Find another rate, lengths that are implausible in metres, missing frames, unsteady light and damaged images.
+_Finding = tuple[str, int, int, str]
+"""Kind of a fault, the first and the last frame, and a sentence."""
 
-    Yields the kind, the first and the last frame, and a sentence.
-    """
-    step, wanted = np.diff(recording.time), recording.sensor.rate
-    if len(step) > 1:
-        rate = 1.0 / float(np.median(step))
-        if abs(rate / wanted - 1.0) > 0.05:
-            question = other_time_unit(1.0 / rate, wanted)
-            words = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz"
-            yield ("rate", 0, -1, f"{words}{question and ': '}{question}")
-    if wrong := wrong_width(recording.shape):
+
+def _other_rate(recording: Recording) -> Iterator[_Finding]:
+    """Find a rate of frames that is off the sensor's by more than 5 %."""
+    wanted = recording.sensor.rate
+    interval = np.diff(recording.time)
+    if len(interval) < 2:
+        return
+    rate = 1.0 / float(np.median(interval))
+    if abs(rate / wanted - 1.0) > 0.05:
+        sentence = f"frames come at {rate:.3g} Hz, the sensor profile says {wanted:.1f} Hz"
+        question = other_time_unit(1.0 / rate, wanted)
+        yield ("rate", 0, -1, f"{sentence}: {question}" if question else sentence)
+
+
+def _other_unit(recording: Recording) -> Iterator[_Finding]:
+    """Find lengths that are implausible in metres."""
+    wrong = wrong_width(recording.shape)
+    if wrong:
         yield ("unit", 0, -1, wrong)
     for name, poses in (("sensor_pose", recording.sensor_pose), ("object_pose", recording.object_pose)):
         try:
-            check_metres(name, np.empty((0, 2)) if poses is None else poses[:, :2])
+            if poses is not None:
+                check_metres(name, poses[:, :2])
         except FileError as error:
             yield ("unit", 0, -1, str(error))
-    for frame in np.flatnonzero(step > 3.0 * np.median(step)).tolist() if len(step) else ():
-        yield ("time gap", frame, frame + 1, f"no frames for {step[frame]:.2f} s")
-    steady, is_open = SteadyImages(wanted), True
-    for frame in range(len(recording)) if recording.image is not None else ():
+
+
+def _time_gaps(recording: Recording) -> Iterator[_Finding]:
+    """Find missing frames."""
+    interval = np.diff(recording.time)
+    if not len(interval):
+        return
+    for frame in np.flatnonzero(interval > 3.0 * np.median(interval)).tolist():
+        yield ("time gap", frame, frame + 1, f"no frames for {interval[frame]:.2f} s")
+
+
+def _damaged_images_and_light(recording: Recording) -> Iterator[_Finding]:
+    """Find damaged images, and first images that do not show the gel steadily lit."""
+    if recording.image is None:
+        return
+    rate = recording.sensor.rate
+    steady = SteadyImages(rate)
+    is_open = True  # no steady half second so far
+    for frame in range(len(recording)):
         try:
             image = recording[frame].image
         except FileError as error:
             yield ("image", frame, frame, str(error))
             continue
         if is_open and image is not None and steady.add(image) is not None:
-            is_open, first = False, frame + 1 - first_frames(wanted)
+            is_open = False
+            first = frame + 1 - first_frames(rate)
             if recording.time[first] - recording.time[0] > 0.3:  # [s]
                 yield ("light", 0, first, "first images are black or change; the untouched gel is learnt after them")
     if is_open and steady.trouble:

@@ -1,6 +1,6 @@
-"""The first release of a recording that begins in contact: there its images show the untouched gel.
+"""The untouched gel of a recording that begins in contact, from images after its first release.
 
-A sensor cannot pull, so one that has drawn back from its farthest point has let the object go.
+A sensor cannot pull, so once it has drawn back from its farthest point it no longer touches the object.
 """
 
 import logging
@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Flags
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FileError
 from palpate.geometry import se2
@@ -23,24 +23,37 @@ logger = logging.getLogger(__name__)
 def release_after_start(
     recording: Recording, first_pose: Array, first_pose_sigma: Array, tactile: str
 ) -> Calibration | None:
-    """Return the untouched gel of a recording that begins in contact, as its first pose (3,) allows; else None."""
+    """Return a calibration with the untouched gel of a recording that begins in contact.
+
+    None if by its first pose (3,) it cannot begin in contact, or if no later images show an untouched gel against which
+    the first ones are touched.
+    """
     if recording.image is None or tactile not in ("auto", "learnt"):
         return None
-    sensor, pose, count = recording.sensor, recording.sensor_pose, first_frames(recording.sensor.rate)
-    gap = sensor.gaps(pose[:count], np.tile(first_pose, (len(pose[:count]), 1)), recording.shape)
+    sensor = recording.sensor
+    count = first_frames(sensor.rate)
+    first_sensor_poses = recording.sensor_pose[:count]
+    gap = sensor.gaps(first_sensor_poses, np.tile(first_pose, (len(first_sensor_poses), 1)), recording.shape)
     if gap.min() > LARGEST_ERROR[0] + UNLIKELY * np.hypot(*first_pose_sigma[:2]):
         return None
-    ahead = np.append(0.0, np.cumsum(se2.between(pose[:-1], pose[1:])[:, 0]))  # along the sensor's x axis
     steady = SteadyImages(sensor.rate)
-    for index in np.flatnonzero(np.maximum.accumulate(ahead) - ahead > LARGEST_ERROR[0]).tolist():
+    for index in np.flatnonzero(_has_drawn_back(recording.sensor_pose)).tolist():
         with suppress(FileError):  # of a damaged image
             image = recording[index].image
-            if image is None or (gel := steady.add(image)) is None:
+            gel = None if image is None else steady.add(image)
+            if gel is None:
                 continue
             untouched = Calibration(gel, is_sure=True)
             if not touched(recording.image[:count], sensor, untouched).any():
                 return None
-            name, start = recording.file or "the recording", recording.time[index - count + 1] - recording.time[0]
+            name = recording.file or "the recording"
+            start = recording.time[index - count + 1] - recording.time[0]
             logger.warning("%s: begins in contact; the untouched gel is taken from %.2f s on", name, start)
             return untouched
     return None
+
+
+def _has_drawn_back(sensor_pose: Array) -> Flags:
+    """Return flags of poses (N, 3) that are behind the farthest point so far, along the sensor's x axis."""
+    forward = np.append(0.0, np.cumsum(se2.between(sensor_pose[:-1], sensor_pose[1:])[:, 0]))  # [m]
+    return np.maximum.accumulate(forward) - forward > LARGEST_ERROR[0]

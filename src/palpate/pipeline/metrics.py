@@ -51,22 +51,23 @@ def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
     """
     d = se2.log(se2.between(pose, truth))
     covariance = np.asarray(covariance, dtype=np.float64)
-    usable = np.isfinite(d).all(axis=-1) & (np.linalg.det(covariance) > 0.0)
-    found = np.full(len(d), np.nan)
-    d = d[usable]
-    found[usable] = np.einsum("ni,ni->n", d, np.linalg.solve(covariance[usable], d[..., None])[..., 0])
-    return found
+    is_usable = np.isfinite(d).all(axis=-1) & (np.linalg.det(covariance) > 0.0)
+    squared = np.full(len(d), np.nan)
+    d = d[is_usable]
+    weighted = np.linalg.solve(covariance[is_usable], d[..., None])[..., 0]
+    squared[is_usable] = np.einsum("ni,ni->n", d, weighted)
+    return squared
 
 
 def inside_95(nees: ArrayLike) -> Flags:
-    """Return True where the true pose is in the 95 % region of its estimate, (N,) from the NEES (N,); False for NaN."""
+    """Return flags (N,) of true poses in the 95 % region of their estimate, from the NEES (N,); false for NaN."""
     return np.asarray(nees) <= 7.814727903251178  # the 95 % point of chi-square with 3 degrees of freedom
 
 
 def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
     """Return the log density [nats] of true poses under their estimates (N,), from the NEES (N,); NaN where it is.
 
-    A proper score, which neither wide nor narrow regions gain. The density is per m^2 rad.
+    It is a proper score: neither too wide nor too narrow a covariance raises it. The density is per m^2 rad.
     """
     log_determinant = np.linalg.slogdet(np.asarray(covariance, dtype=np.float64))[1]
     return -0.5 * (np.asarray(nees) + log_determinant + 3.0 * np.log(2.0 * np.pi))
@@ -74,23 +75,24 @@ def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
 
 def gain_by_rescaling(nees: ArrayLike) -> float:
     """Return the gain of a mean log likelihood [nats] by the best common factor on covariances, mean NEES / 3."""
-    mean = max(float(np.mean(np.asarray(nees))), 1e-12)  # of estimates without any error, the gain would be infinite
+    mean = max(float(np.mean(np.asarray(nees))), 1e-12)  # estimates without any error would gain infinitely
     return 0.5 * (mean - 3.0 - 3.0 * float(np.log(mean / 3.0)))
 
 
 def crps(error: ArrayLike, deviation: ArrayLike) -> Array:
-    """Return the continuous ranked probability score of errors (...) under a normal of a deviation (...), in its unit.
+    """Return the continuous ranked probability score of errors (...) under normals of deviations (...), in their unit.
 
-    Smaller is better; it is the mean error of an estimate without a deviation.
+    Smaller is better; for a deviation of 0 it is the size of the error.
     """
-    z = np.asarray(error) / np.asarray(deviation)
+    sigma = np.asarray(deviation)
+    z = np.asarray(error) / sigma
     inside = np.vectorize(math.erf, otypes=[float])(z / math.sqrt(2.0))
     density = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    return np.asarray(deviation) * (z * inside + 2.0 * density - 1.0 / np.sqrt(np.pi))
+    return sigma * (z * inside + 2.0 * density - 1.0 / np.sqrt(np.pi))
 
 
 def is_far(translation: Array, rotation: Array) -> Flags:
-    """Return True where an estimate is wrong by its errors, (N,) [mm] and (N,) [deg]."""
+    """Return flags (N,) of estimates that are wrong: errors (N,) above 10 mm, or (N,) above 5 degrees."""
     return (translation > 10.0) | (np.abs(rotation) > 5.0)
 
 
@@ -102,7 +104,7 @@ def rms(errors: ArrayLike) -> float | None:
 
 def percentiles(values: ArrayLike) -> dict[str, float]:
     """Return the 50th, 95th and 99th percentile and the maximum of values (N,)."""
-    return {name: float(np.percentile(np.asarray(values), share)) for name, share in PERCENTILES.items()}
+    return {name: float(np.percentile(np.asarray(values), percent)) for name, percent in PERCENTILES.items()}
 
 
 def world_sigma(pose: ArrayLike, covariance: ArrayLike) -> Array:
@@ -118,9 +120,9 @@ def world_sigma(pose: ArrayLike, covariance: ArrayLike) -> Array:
 
 def pose_words(pose: ArrayLike, sigma: ArrayLike) -> str:
     """Return a pose (3,) [m, m, rad] with its standard deviations (3,) as text in mm and degrees."""
-    in_words = np.array((1e3, 1e3, 180.0 / np.pi))
-    x, y, yaw = np.asarray(pose) * in_words
-    sigma_x, sigma_y, sigma_yaw = np.asarray(sigma) * in_words
+    units = np.array((1e3, 1e3, 180.0 / np.pi))
+    x, y, yaw = np.asarray(pose) * units
+    sigma_x, sigma_y, sigma_yaw = np.asarray(sigma) * units
     return f"x {x:.1f} ± {sigma_x:.1f} mm, y {y:.1f} ± {sigma_y:.1f} mm, yaw {yaw:.1f} ± {sigma_yaw:.1f}°"
 
 
@@ -129,51 +131,58 @@ def summarise(
 ) -> dict[str, Any]:
     """Return the content of `summary.json`, with `about` in it; scores that need truth are None without any.
 
-    `truth` (N, 3) is NaN where it is not known and trusted. Final errors are of the last frame with truth. Shares
-    `in_95` and `silently_wrong` are of the frames since the first contact; silently wrong is an estimate that
-    `is_far` off and outside its 95 % region with a status in CONTENT. `nats` and `sigma_mm` are of frames in contact.
-    `yaw_shows` is False for a disc.
+    `truth` (N, 3) is NaN where it is not known and trusted; `yaw_shows` is false for a disc. Final errors are of the
+    last frame with truth. The shares `in_95` and `silently_wrong` are of the frames since the first contact; silently
+    wrong is an estimate that `is_far` off and outside its 95 % region with a status in CONTENT. `nats` and `sigma_mm`
+    are of frames in contact.
     """
-    contact, status, covariance = online.contact, online.status, online.covariance
     translation = translation_errors(online.pose, truth) * 1e3
     rotation = np.degrees(rotation_errors(online.pose, truth))
     scored = np.flatnonzero(np.isfinite(translation))
     last = int(scored[-1]) if len(scored) else None
-    squared = nees(online.pose, covariance, truth)
-    inside, since = inside_95(squared), since_contact(contact, squared)
-    scored_contact, wide = since & contact, deviations(covariance)[0]
-    nats = log_likelihood(squared, covariance)[scored_contact]
-    along = se2.log(se2.between(online.pose, truth))[scored_contact, :2]
-    axes = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)[scored_contact, :2])
-    silent = is_far(translation, rotation) & ~inside & np.isin(status, CONTENT)
+    squared = nees(online.pose, online.covariance, truth)
+    inside = inside_95(squared)
+    since = since_contact(online.contact, squared)
+    silent = is_far(translation, rotation) & ~inside & np.isin(online.status, CONTENT)
     return {
         "frames": len(online),
-        "contact_frames": int(np.sum(contact)),
-        "episodes": len(flag_runs(contact)),
+        "contact_frames": int(np.sum(online.contact)),
+        "episodes": len(flag_runs(online.contact)),
         **about,
         "step_ms": percentiles(step_ms),
-        "final_status": status[-1],
+        "final_status": online.status[-1],
         "final_pose": online.pose[-1].tolist(),
-        "final_sigma": world_sigma(online.pose[-1], covariance[-1]).tolist(),
+        "final_sigma": world_sigma(online.pose[-1], online.covariance[-1]).tolist(),
         "translation_rmse_mm": rms(translation),
         "rotation_rmse_deg": rms(rotation),
         "final_translation_error_mm": None if last is None else float(translation[last]),
         "final_rotation_error_deg": None if last is None else abs(float(rotation[last])),
         "nees_mean": _mean(squared),
-        "nats": _mean(nats),
-        "nats_rescaled": _mean(nats + gain_by_rescaling(squared[scored_contact])) if len(nats) else None,
-        "crps_mm": _mean(1e3 * crps(along, axes)),
-        "sigma_mm": float(np.median(1e3 * wide[scored_contact])) if len(nats) else None,
-        "statuses": dict(Counter(status)),
+        **_contact_scores(online, truth, squared, since & online.contact),
+        "statuses": dict(Counter(online.status)),
         "yaw_shows": yaw_shows,
         "scored_frames": len(scored),
         "final_scored_time_s": None if last is None else float(online.time[last]),
         "in_95_share": _mean(inside[since]),
-        "in_95_contact_share": _mean(inside[since & contact]),
-        "in_95_rest_share": _mean(inside[since & ~contact]),
+        "in_95_contact_share": _mean(inside[since & online.contact]),
+        "in_95_rest_share": _mean(inside[since & ~online.contact]),
         "in_95_final": bool(inside[since][-1]) if since.any() else None,
         "silently_wrong_share": _mean(silent[since]),
-        "ambiguous_share": _mean((np.array(status) == "ambiguous")[contact]),
+        "ambiguous_share": _mean((np.array(online.status) == "ambiguous")[online.contact]),
+    }
+
+
+def _contact_scores(online: Trajectory, truth: Array, squared: Array, frames: Flags) -> dict[str, float | None]:
+    """Return scores of the covariance at flagged frames (N,) of contact, with the NEES (N,) of all frames."""
+    nats = log_likelihood(squared, online.covariance)[frames]
+    error = se2.log(se2.between(online.pose, truth))[frames, :2]
+    sigma = np.sqrt(np.diagonal(online.covariance, axis1=1, axis2=2)[frames, :2])
+    translation_sigma = deviations(online.covariance)[0][frames]
+    return {
+        "nats": _mean(nats),
+        "nats_rescaled": _mean(nats + gain_by_rescaling(squared[frames])) if len(nats) else None,
+        "crps_mm": _mean(1e3 * crps(error, sigma)),
+        "sigma_mm": float(np.median(1e3 * translation_sigma)) if len(nats) else None,
     }
 
 
@@ -195,27 +204,36 @@ def ambiguous_by_origin(status: Sequence[str], answers: Answers) -> dict[Origin,
 def innovation_scores(innovations: Sequence[Array | None]) -> dict[str, dict[str, float | None]]:
     """Return scores of the `Estimate.innovations` of N frames for each factor that has some; 1, 1 and 0 are right.
 
-    The mean square is in units of the predicted and the stated variance together, the variance ratio in those of the
-    stated one alone, if it is no less than a hundredth of the other. The autocorrelation is from frame to frame.
+    The mean square is that of innovations over their standard deviation, of prediction and measurement together. The
+    variance ratio is that of their squares over the stated variance alone, where this is no less than a hundredth of
+    the predicted one. The autocorrelation is from frame to frame.
     """
-    none, scores = np.zeros((len(NAMES), 6, 3)), {}
-    found = np.moveaxis(np.array([none if each is None else each for each in innovations]), -1, 0)
-    for name, value, predicted, stated in zip(NAMES, *found.swapaxes(1, 2), strict=True):
-        if (there := stated > 0.0).any():
-            unit = np.divide(value, np.sqrt(predicted + stated), where=there, out=np.full_like(value, np.nan))
-            square, product = _mean(unit**2) or 0.0, _mean(unit[1:] * unit[:-1])
-            tested = there & (predicted < 100.0 * stated)
-            scores[name] = {
-                "count": int(there.sum()),
-                "mean_square": square,
-                "variance_ratio": _mean(value[tested] ** 2 / stated[tested]),
-                "autocorrelation": product / square if product is not None and square else None,
-            }
+    empty = np.zeros((len(NAMES), 6, 3))
+    rows = np.array([empty if frame is None else frame for frame in innovations])
+    scores = {}
+    for factor, name in enumerate(NAMES):
+        value = rows[:, factor, :, 0]
+        predicted = rows[:, factor, :, 1]
+        stated = rows[:, factor, :, 2]
+        is_measured = stated > 0.0
+        if not is_measured.any():
+            continue
+        sigma = np.sqrt(predicted + stated)
+        normalised = np.divide(value, sigma, where=is_measured, out=np.full_like(value, np.nan))
+        mean_square = _mean(normalised**2) or 0.0
+        product = _mean(normalised[1:] * normalised[:-1])
+        is_tested = is_measured & (predicted < 100.0 * stated)
+        scores[name] = {
+            "count": int(is_measured.sum()),
+            "mean_square": mean_square,
+            "variance_ratio": _mean(value[is_tested] ** 2 / stated[is_tested]),
+            "autocorrelation": product / mean_square if product is not None and mean_square else None,
+        }
     return scores
 
 
 def since_contact(contact: Flags, nees: Array) -> Flags:
-    """Return True at frames with a NEES from the first contact on; before it the pose is as good as given."""
+    """Return flags of frames with a NEES from the first contact on; before it the pose is as good as the given one."""
     return np.maximum.accumulate(contact) & np.isfinite(nees)
 
 

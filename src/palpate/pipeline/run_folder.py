@@ -19,21 +19,27 @@ from palpate.types.space import Plane
 SUMMARY = "summary.json"
 FILES = {"settings.json", "estimates.csv", SUMMARY, "figure.png"}
 """Files of every run."""
-RECORDING, PAGE, MCAP = "recording.mcap", "page.html", "estimates.mcap"
-"""Optional files: the recording, if it is in no other file, and the page and messages that were asked for."""
+RECORDING = "recording.mcap"
+"""The recording, if it is in no other file."""
+PAGE = "page.html"
+"""The page, if it is asked for."""
+MCAP = "estimates.mcap"
+"""The estimates as messages, if they are asked for."""
 
 
 @contextmanager
 def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
     """Yield a temporary folder for the files of a run, which becomes `folder` when the block ends, if they are whole.
 
-    Raises FileError if the folder exists; with `force` an earlier run in it, and nothing else, is replaced then.
+    Raises FileError if the folder exists. With `force` it is replaced when the block ends, but only if it holds an
+    earlier run and nothing else.
     """
     if not folder.name or (folder.exists() and not folder.is_dir()):
         raise FileError(f"{folder}: is a file, or not the name of a new folder")
     if folder.exists() and not force:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    if foreign := sorted({path.name for path in folder.glob("*")} - FILES - {RECORDING, PAGE, MCAP}):
+    foreign = sorted({path.name for path in folder.glob("*")} - FILES - {RECORDING, PAGE, MCAP})
+    if foreign:
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
     target = folder.resolve()  # it may be a link
     part = next(path for path in target.parents if path.exists()) / f".{folder.name}.{os.getpid()}.part"
@@ -54,7 +60,9 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
 
 def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
     """Write FILES to a folder and, with the plane of the push in space, the estimates as messages (MCAP)."""
-    online, file, calibration = run.online, run.recording.file, run.calibration
+    online = run.online
+    calibration = run.calibration
+    recording_file = run.recording.file
     settings = {
         "palpate": palpate.__version__,
         "source": run.recording.source,
@@ -62,14 +70,15 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         "calibration": str(calibration.file.absolute()) if calibration and calibration.file else None,
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
-        "recording": RECORDING if file is None else str(file.absolute()),
+        "recording": RECORDING if recording_file is None else str(recording_file.absolute()),
         **asdict(run.settings),
     }
     write_estimates_csv(online, folder / "estimates.csv", run.answers)
     if mcap is not None:
         write_estimates_mcap(online, folder / MCAP, mcap, run.answers)
     draw(folder / "figure.png", lambda file: run_figure(run).savefig(file, format="png", dpi=120))
-    if file is None:
+    if recording_file is None:
         write_recording(run.recording, folder / RECORDING)
-    for name, data in (("settings.json", settings), (SUMMARY, run.summary)):  # last of all: a folder with both is whole
-        write_json(folder / name, data)
+    # Last of all, as a folder with a summary counts as whole.
+    write_json(folder / "settings.json", settings)
+    write_json(folder / SUMMARY, run.summary)

@@ -21,6 +21,7 @@ from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
+from palpate.types.choices import TactileChoice
 from palpate.types.estimate import Answers, Estimate, Trajectory
 
 logger = logging.getLogger(__name__)
@@ -32,15 +33,15 @@ class Run:
 
     recording: Recording
     settings: TrackerSettings
-    """Settings of the tracker; `tactile` is the chosen one where it was auto."""
+    """Settings of the tracker; `tactile` is the chosen source if auto was given."""
     model: TouchModel | None
-    """Touch model, where touch was learnt."""
+    """Touch model, if touch was learnt."""
     calibration: Calibration | None
-    """Calibration of the sensor unit, given or found after a recording began in contact."""
+    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact."""
     first_pose: Array
     """world_T_object at the start, (3,) [m, m, rad]."""
     first_pose_sigma: Array
-    """Its standard deviations, (3,) [m, m, rad]."""
+    """Standard deviations of the first pose, (3,) [m, m, rad]."""
     online: Trajectory
     """Estimate at each frame from all frames up to it, with covariance, contact and status."""
     answers: Answers
@@ -65,78 +66,111 @@ def track(
     """Track the object of a recording.
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
-    default see `first_pose_of`. Without a calibration, the untouched gel of a recording that begins in contact is taken
-    from its first release. `progress` is called with the number of frames done. A frame that cannot be used is skipped,
-    see `tracked_frames`. Raises SettingError if the recording lacks something that the settings need, EstimationError
-    if no estimate can be computed or the first frame cannot be used. Whatever ends it early, Ctrl-C too, is raised
-    after `keep` was called with the run up to there.
+    default see `first_pose_of_recording`. Without a calibration, the untouched gel of a recording that begins in
+    contact is taken from its first release. `progress` is called with the number of frames done. A frame that cannot be
+    used is skipped, see `tracked_frames`.
+
+    Raises SettingError if the recording lacks something that the settings need, EstimationError if no estimate can be
+    computed or the first frame cannot be used. If an error or Ctrl-C ends tracking early, it is raised after `keep` was
+    called with the run up to there.
     """
-    begin, total = time.perf_counter(), len(recording)
+    begin = time.perf_counter()
+    total = len(recording)
     settings = settings or TrackerSettings()
-    first, sigma = first_pose_of(recording, settings.noise, first_pose, first_pose_sigma)
-    tactile, has_images = settings.tactile, recording.image is not None
-    for is_lacking, words in (
-        (not has_images and recording.contact is None, "neither images nor contact flags, and tracking needs one"),
-        (not has_images and tactile == "learnt", f"no images, which tactile {tactile} needs"),
-        (tactile == "oracle" and np.isnan(recording.truth).all(), "no ground truth, which tactile oracle needs"),
-    ):
-        if is_lacking:
-            raise SettingError(f"{recording.file or 'the recording'}: has {words}")
-    estimates: list[Estimate] = []
-    step_ms = np.zeros(len(recording))
-    failure: BaseException | None = None
-    warm_up()  # its notice is none of the recording's warnings
+    first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
+    _check_content(recording, settings.tactile)
+    warm_up()  # its message is not one of the recording's warnings
     with kept_warnings() as warnings:
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
         tracker = Tracker(recording.shape, recording.sensor, first, settings, model, calibration, **start)
-        try:
-            for index, (estimate, step_ms[index]) in enumerate(tracked_frames(tracker, recording)):
-                estimates.append(estimate)
-                if progress:
-                    progress(index + 1)
-        except BaseException as error:
-            if keep is None or not estimates:
-                raise
-            failure, done = error, len(estimates)
-            recording, step_ms = recording.until(done), step_ms[:done]
+        estimates, step_ms, failure = _estimates_until_failure(tracker, recording, progress)
+    if failure is not None:
+        if keep is None or not estimates:
+            raise failure
+        recording = recording.until(len(estimates))
     settings = replace(settings, tactile=tracker.tactile)
     online, answers = gathered(estimates)
-    summary = summarise(
-        online,
-        recording.truth,
-        step_ms,
-        yaw_shows=not isinstance(recording.shape, Disc),
-        tactile=settings.tactile,
-        smoother=settings.smoother,
-        knocks=len(flag_runs(np.ravel(recording.extra.get("knocked", 0.0)) > 0.0)),  # as a simulation states them
-        wall_s=time.perf_counter() - begin,
-    )
+    wall_s = time.perf_counter() - begin
+    summary = _scores(recording, settings, online, step_ms, wall_s)
     summary["ambiguous_by_origin"] = ambiguous_by_origin(online.status, answers)
     summary["innovations"] = innovation_scores([estimate.innovations for estimate in estimates])
     summary |= {"final_reason": estimates[-1].reason, "warnings": warnings, "mirrored": tracker.mirrored}
-    summary["ended"] = None
-    if failure is not None:
-        place = f"after {len(estimates)} of {total} frames, at {estimates[-1].time:.3f} s"
-        summary["ended"] = f"{place}: {type(failure).__name__}: {one_line(failure)}"
+    summary["ended"] = _end_of(failure, estimates, total)
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    if settings.tactile != "learnt":
-        model = None
-    elif model is None:
-        model = shipped_model(recording.sensor.name)
-    run = Run(recording, settings, model, calibration, first, sigma, online, answers, step_ms, summary)
+    used_model = None
+    if settings.tactile == "learnt":
+        used_model = model or shipped_model(recording.sensor.name)
+    run = Run(recording, settings, used_model, calibration, first, sigma, online, answers, step_ms, summary)
     if failure is not None and keep:
         keep(run)
         raise failure
     return run
 
 
+def _check_content(recording: Recording, tactile: TactileChoice) -> None:
+    """Raise SettingError if a recording lacks something that tracking with this source of touch needs."""
+    has_images = recording.image is not None
+    lacking = ""
+    if not has_images and recording.contact is None:
+        lacking = "neither images nor contact flags, and tracking needs one"
+    elif not has_images and tactile == "learnt":
+        lacking = f"no images, which tactile {tactile} needs"
+    elif tactile == "oracle" and np.isnan(recording.truth).all():
+        lacking = "no ground truth, which tactile oracle needs"
+    if lacking:
+        raise SettingError(f"{recording.file or 'the recording'}: has {lacking}")
+
+
+def _estimates_until_failure(
+    tracker: Tracker, recording: Recording, progress: Callable[[int], None] | None
+) -> tuple[list[Estimate], Array, BaseException | None]:
+    """Return estimates and times of the steps [ms] of all frames, or of those before the failure that is returned."""
+    estimates: list[Estimate] = []
+    step_ms: list[float] = []
+    failure: BaseException | None = None
+    try:
+        for estimate, milliseconds in tracked_frames(tracker, recording):
+            step_ms.append(milliseconds)
+            estimates.append(estimate)
+            if progress:
+                progress(len(estimates))
+    except BaseException as error:  # Ctrl-C, too
+        failure = error
+    return estimates, np.array(step_ms[: len(estimates)]), failure
+
+
+def _scores(
+    recording: Recording, settings: TrackerSettings, online: Trajectory, step_ms: Array, wall_s: float
+) -> dict[str, Any]:
+    """Return the scores of a run, with its settings, and the knocks that a simulation states."""
+    is_knocked = np.ravel(recording.extra.get("knocked", 0.0)) > 0.0
+    return summarise(
+        online,
+        recording.truth,
+        step_ms,
+        yaw_shows=not isinstance(recording.shape, Disc),
+        tactile=settings.tactile,
+        smoother=settings.smoother,
+        knocks=len(flag_runs(is_knocked)),
+        wall_s=wall_s,
+    )
+
+
+def _end_of(failure: BaseException | None, estimates: Sequence[Estimate], total: int) -> str | None:
+    """Return a sentence on the failure that ended a run early; None if there was none."""
+    if failure is None:
+        return None
+    moment = f"after {len(estimates)} of {total} frames, at {estimates[-1].time:.3f} s"
+    return f"{moment}: {type(failure).__name__}: {one_line(failure)}"
+
+
 def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Estimate, float]]:
     """Yield the estimate at each frame, and the time of the step [ms].
 
-    Skipped are frames whose image is damaged and those that the tracker refuses; there the estimate before, or of the
+    Frames whose image is damaged and those that the tracker refuses are skipped: the estimate before, or that of the
     first frame that is used, is repeated with status "faulty". Raises FrameError if the tracker refuses the first
     frame, FileError if all images are damaged.
     """
@@ -168,18 +202,23 @@ def tracked_frames(tracker: Tracker, recording: Recording) -> Iterator[tuple[Est
 
 def gathered(estimates: Sequence[Estimate]) -> tuple[Trajectory, Answers]:
     """Return the trajectory and the answers of N estimates, as in a Run."""
-    rows = ((each.time, each.pose, each.covariance, each.contact, each.status, each.reason) for each in estimates)
-    *arrays, status, reason = zip(*rows, strict=True)
-    online = Trajectory(*map(np.array, arrays), status=status, reason=reason)
+    online = Trajectory(
+        time=np.array([estimate.time for estimate in estimates]),
+        pose=np.array([estimate.pose for estimate in estimates]),
+        covariance=np.array([estimate.covariance for estimate in estimates]),
+        contact=np.array([estimate.contact for estimate in estimates]),
+        status=tuple(estimate.status for estimate in estimates),
+        reason=tuple(estimate.reason for estimate in estimates),
+    )
     return online, tuple(estimate.answers if len(estimate.answers) > 1 else () for estimate in estimates)
 
 
-def first_pose_of(
+def first_pose_of_recording(
     recording: Recording, noise: NoiseSettings, given: ArrayLike | None = None, sigma: ArrayLike | None = None
 ) -> tuple[Array, Array]:
     """Return the first pose (3,) [m, m, rad] and its standard deviations (3,): as given, or as the recording has them.
 
-    Raises SettingError where there is none of them.
+    By default the standard deviations are those of the noise settings. Raises SettingError if there is no first pose.
     """
     first = recording.first_pose if given is None else np.asarray(without_gradient(given), np.float64)
     if first is None:
@@ -199,7 +238,7 @@ def kept_warnings() -> Iterator[list[str]]:
 
     def keep(record: logging.LogRecord) -> None:
         kept.append(record.getMessage())
-        if not logging.root.handlers and logging.lastResort:  # which a handler would replace
+        if not logging.root.handlers and logging.lastResort:  # it is not called where any handler takes the record
             logging.lastResort.handle(record)
 
     listener = logging.Handler(logging.WARNING)

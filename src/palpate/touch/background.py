@@ -33,46 +33,59 @@ class Background:
     """Standard deviation of the cells over time, in the light of each image, (rows, columns, 3) [grey levels]."""
 
     def followed(self, image: Image, part: float) -> "Background":
-        """Return the background with a mean in which an image has the weight `part`, and the past the rest."""
-        return replace(self, mean=self.mean + np.float32(part) * (image.astype(np.float32) - self.mean))
+        """Return the background with its mean moved towards an image (height, width, 3) by the fraction `part`."""
+        change = image.astype(np.float32) - self.mean
+        return replace(self, mean=self.mean + np.float32(part) * change)
 
 
 def background_of(images: Iterable[Image]) -> Background:
-    """Return the statistics of untouched images (height, width, 3), read one after the other; of one, without noise."""
-    count, first, total, changes, squares = 0, None, np.zeros(()), np.zeros(()), np.zeros(())
+    """Return the statistics of untouched images (height, width, 3), read one at a time; one image gives zero noise."""
+    count = 0
+    first_cells = None
+    sum_of_images = np.zeros(())
+    sum_of_changes = np.zeros(())
+    sum_of_squares = np.zeros(())
     for image in images:
         cells = cells_of(image)
-        first = cells if first is None else first
-        change = change_in_light(cells, first).astype(np.float64)
-        count, total, changes, squares = count + 1, total + image, changes + change, squares + change**2
+        if first_cells is None:
+            first_cells = cells
+        change = change_in_light(cells, first_cells).astype(np.float64)
+        count += 1
+        sum_of_images = sum_of_images + image
+        sum_of_changes = sum_of_changes + change
+        sum_of_squares = sum_of_squares + change**2
     if not count:
         raise SettingError("a background needs an untouched image, found none")
-    freedom = max(count - 1, 1)
-    noise = np.maximum(squares - count * (changes / count) ** 2, 0.0) / freedom
-    prior = 10  # images; weight of the mean noise of all cells, as that of one is known from few images
-    noise = (freedom * noise + prior * noise.mean()) / (freedom + prior)
-    return Background((total / count).astype(np.float32), np.sqrt(noise).astype(np.float32))
+    degrees_of_freedom = max(count - 1, 1)
+    mean_change = sum_of_changes / count
+    variance = np.maximum(sum_of_squares - count * mean_change**2, 0.0) / degrees_of_freedom
+    # A few images say little about the noise of a single cell, so the mean of all cells counts like ten more images.
+    prior = 10
+    variance = (degrees_of_freedom * variance + prior * variance.mean()) / (degrees_of_freedom + prior)
+    mean = sum_of_images / count
+    return Background(mean.astype(np.float32), np.sqrt(variance).astype(np.float32))
 
 
 def first_frames(rate: float) -> int:
-    """Return the number of first images that are taken as untouched, at a rate [Hz]: half a second, at least 8."""
+    """Return the number of first images that are taken as untouched at a rate [Hz]: half a second, 8 or more."""
     return max(round(0.5 * rate), 8)
 
 
 class SteadyImages:
-    """Background of the first half second of images that are alike and show a gel: not black, nor one level."""
+    """Collector of the first half second of images that are alike and show a gel: neither black nor of one level."""
 
     def __init__(self, rate: float) -> None:
         self._needed = first_frames(rate)
-        self._count = 0
+        self._count = 0  # images since the last background
         self.seen: list[Image] = []
-        """Images so far; emptied, it starts again with the next image."""
+        """The steady images so far; if the list is cleared, collecting starts again with the next image."""
 
     @property
     def trouble(self) -> str:
-        """Sentence on two seconds of images without a steady half second; "" if all is well."""
-        found = f"no half second of {self._count} images shows the gel steadily lit, so it is not known untouched"
-        return found if self._count > 4 * self._needed else ""
+        """Sentence that says that two seconds of images had no steady half second; "" if all is well."""
+        if self._count <= 4 * self._needed:
+            return ""
+        return f"no half second of {self._count} images shows the gel steadily lit, so it is not known untouched"
 
     def add(self, image: Image) -> Background | None:
         """Add an image (height, width, 3); return the background once there are enough, then start again."""
@@ -85,63 +98,75 @@ class SteadyImages:
         if len(self.seen) < self._needed:
             return None
         warn_if_squeezed(self.seen[:1])
-        found, self.seen, self._count = background_of(self.seen), [], 0
-        return found
+        background = background_of(self.seen)
+        self.seen = []
+        self._count = 0
+        return background
 
 
 def is_moved(image: Image, other: Image) -> bool:
-    """Return true if something moves between two images, in whatever light, or they are of two gels."""
+    """Return true if something moves between two images or they show two gels; a change of light does not count."""
     changed = compare(cells_of(image), cells_of(other), np.float32(MOVED_LEVELS))
     return changed > CONTACT_DETECTION.start
 
 
 def _are_alike(image: Image, other: Image) -> bool:
     """Return true if nothing moves between two images, and the camera and its light have settled."""
-    before = cells_of(other)
-    is_lit = np.abs(cells_of(image) - before).mean(axis=(0, 1)) < 2.0 + 0.2 * before.mean(axis=(0, 1))  # lamps flicker
-    return is_grey(image) == is_grey(other) and bool(is_lit.all()) and not is_moved(image, other)
+    if is_grey(image) != is_grey(other):
+        return False
+    cells_before = cells_of(other)
+    change = np.abs(cells_of(image) - cells_before).mean(axis=(0, 1))
+    flicker = 2.0 + 0.2 * cells_before.mean(axis=(0, 1))  # [grey levels] that settled lamps may change, per channel
+    return bool((change < flicker).all()) and not is_moved(image, other)
 
 
 def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") -> None:
     """Warn of images that lay on their side and were scaled into the upright shape.
 
-    What was scaled up along the longer side has lost the finest noise along it.
+    Scaling an image up along its longer side removes the finest noise in that direction.
     """
     ratios = []
-    for image in (each for each in images if min(each.shape[:2]) > 64):
+    for image in images:
+        if min(image.shape[:2]) <= 64:
+            continue
         grey = image.mean(axis=2, dtype=np.float32)
-        grey = grey if grey.shape[0] > grey.shape[1] else grey.T
-        along, across = (np.median(np.abs(np.diff(grey, 4, axis=axis))) for axis in (0, 1))
-        least = 0.16  # of noise well below a grey level, as in images without any
-        ratios.append((along**2 + least) / (across**2 + least))
-    # Above 0.7 in real and drawn images, and mostly below 0.5 once squeezed.
+        if grey.shape[0] <= grey.shape[1]:
+            grey = grey.T
+        noise_along = np.median(np.abs(np.diff(grey, 4, axis=0)))
+        noise_across = np.median(np.abs(np.diff(grey, 4, axis=1)))
+        least = 0.16  # [grey levels^2], so that images without noise have a ratio of 1
+        ratios.append((noise_along**2 + least) / (noise_across**2 + least))
+    # The ratio is above 0.7 in real and drawn images, and mostly below 0.5 in squeezed ones.
     if ratios and np.median(ratios) < 0.5:
         logger.warning("%s seem to have been scaled to their size while they lay on their side: turn them", name)
 
 
 def has_markers(image: AnyImage) -> bool:
-    """Return true if an image (height, width, 3) of an untouched gel shows a grid of markers: enough for a touch."""
+    """Return true if an image (height, width, 3) of an untouched gel shows markers over the area of a touch."""
     import cv2
 
     dark, _ = _dark_dots(image)
     _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
-    extent, (edge, size) = stats[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]], _edge_and_size(image)
-    dots = ((extent >= edge) & (extent < size)).all(axis=1)
-    return stats[1:][dots, cv2.CC_STAT_AREA].sum() > CONTACT_DETECTION.start * dark.size
+    components = stats[1:]  # the first is what is not dark
+    extent = components[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
+    edge, size = _edge_and_size(image)
+    are_dots = ((extent >= edge) & (extent < size)).all(axis=1)
+    return components[are_dots, cv2.CC_STAT_AREA].sum() > CONTACT_DETECTION.start * dark.size
 
 
 def without_markers(image: AnyImage) -> AnyImage:
     """Return an image (height, width, 3) in which markers look like the gel around them."""
     import cv2
 
-    (dark, filled), (edge, _) = _dark_dots(image), _edge_and_size(image)
+    dark, filled = _dark_dots(image)
+    edge, _ = _edge_and_size(image)
     hidden = cv2.dilate(dark, np.ones((edge, edge), np.uint8))
     unmarked: Any = cv2.copyTo(filled, hidden, image.copy())
     return unmarked
 
 
 def _dark_dots(image: NDArray[Any]) -> tuple[NDArray[np.uint8], Any]:
-    """Return a mask (height, width) of small dark dots, and the image with these filled by a grey closing."""
+    """Return a mask (height, width) of small dark dots, and the image with them filled by a morphological closing."""
     import cv2
 
     _, size = _edge_and_size(image)
@@ -151,6 +176,6 @@ def _dark_dots(image: NDArray[Any]) -> tuple[NDArray[np.uint8], Any]:
 
 
 def _edge_and_size(image: NDArray[Any]) -> tuple[int, int]:
-    """Return the width of the edge of markers, and that which none has [px]: 0.8 mm on a GelSight Mini."""
+    """Return the width of a marker's edge, and a width that no marker has [px], which is 0.8 mm on a GelSight Mini."""
     third = third_of_cell(*image.shape[:2])
     return max(round(third), 1), max(round(NEIGHBOURS * third), 1)

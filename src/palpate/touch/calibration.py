@@ -22,53 +22,55 @@ VERSION = 7
 PITCHES = 0.625, 1.6
 """Least and greatest pixel pitch that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
 
-
 VIEWS = tuple(
     CameraView(turns, mirrored, (red, green, blue))
     for red, green, blue in permutations(range(3))
     for mirrored in (False, True)
     for turns in (0, 2)
 )
-"""Views that keep an image's size, the simplest first; the first four leave channels as they come."""
+"""Views that keep an image's size, the simplest first; the first four leave the channels in their order."""
 
 
 def check_view(cells: Levels, untouched: Levels, name: str) -> None:
-    """Raise SettingError if cells (rows, columns, 3) fit those of the untouched gel, called `name`, far better rotated.
+    """Raise SettingError if cells (rows, columns, 3) fit those of the untouched gel far better in another view.
 
-    Most of the gel looks untouched whatever touches it, so medians over the image tell.
+    Medians over the image decide, as most of the gel looks untouched whatever touches it. `name` is what the error
+    calls the untouched gel.
     """
 
     def misfit(view: CameraView) -> float:
-        seen = view.of(cells)
-        light = np.median(seen / np.maximum(untouched, 1.0), axis=(0, 1))
-        return float(np.median(np.abs(seen - light * untouched)))
+        """Return the median difference from the untouched gel in the image's light [grey levels]."""
+        viewed = view.of(cells)
+        light = np.median(viewed / np.maximum(untouched, 1.0), axis=(0, 1))
+        return float(np.median(np.abs(viewed - light * untouched)))
 
-    off = {view: misfit(view) for view in VIEWS}
-    best = min(off, key=off.__getitem__)
-    # In the right view the ratio is at most 0.7, and of other units below 3 but for one in 300; in a wrong view 97 in
-    # 100 are above. A symmetric gel fits equally well, but for rounding to a grey level.
-    if off[AS_IT_IS] > 3.0 * (off[best] + 1.0):
+    misfits = {view: misfit(view) for view in VIEWS}
+    best = min(misfits, key=misfits.__getitem__)
+    # Measured ratios: at most 0.7 in the right view of the same unit; below 3 in the right view of another unit, but
+    # for one in 300; above 3 in 97 of 100 wrong views. The 1 is for a symmetric gel, which fits equally well in two
+    # views but for rounding to a grey level.
+    if misfits[AS_IT_IS] > 3.0 * (misfits[best] + 1.0):
         raise SettingError(
-            f"image: lies otherwise than {name}: it fits {best}, {off[best]:.1f} grey levels off in the median and not "
-            f"{off[AS_IT_IS]:.1f}"
+            f"image: lies otherwise than {name}: it fits {best}, {misfits[best]:.1f} grey levels off in the median and "
+            f"not {misfits[AS_IT_IS]:.1f}"
         )
 
 
 @dataclass(frozen=True)
 class DirectionCorrection:
-    """Linear error of a unit's contact directions: measured = offset + scale true.
+    """Linear error of a unit's contact directions: measured = offset + scale * true.
 
-    An image shows the motion of the surface whatever caused it, so turns have the same scale.
+    Turns have the same scale, as an image shows the motion of the surface whatever caused it.
     """
 
     offset: float = 0.0
     """[rad]"""
     scale: float = 1.0
-    """Measured change of angle for a true one of 1."""
+    """Measured change of angle over the true one."""
     offset_sigma: float | None = None
     """Standard deviation of the offset [rad]; None if it was not measured."""
     scale_sigma: float | None = None
-    """Standard deviation of the scale; None likewise."""
+    """Standard deviation of the scale; None if it was not measured."""
 
 
 UNCORRECTED = DirectionCorrection()
@@ -76,14 +78,14 @@ UNCORRECTED = DirectionCorrection()
 
 @dataclass(frozen=True)
 class SetUp:
-    """Constant errors of a robot that pushes have shown, each with its standard deviation."""
+    """Constant errors of a robot's set-up as estimated from pushes, each with its standard deviation."""
 
     sideways: Normal
     """Stated place of the sensor minus the true one, along the sensor's y [m]."""
     delay: Normal
-    """Time by which images show the gel late [s]."""
+    """Delay of the images behind the gel [s]."""
     depth: Normal
-    """Indentation of the gel, with all constant errors along the push [m]."""
+    """Indentation of the gel; it includes all constant errors along the push [m]."""
     outline_scale: Normal
     """Relative size error of outlines."""
 
@@ -95,21 +97,22 @@ class Calibration:
     background: Background
     """The untouched gel, in the profile's view."""
     view: CameraView = AS_IT_IS
-    """Steps that turn the camera's images into the profile's."""
+    """Rotation, mirroring and order of channels that turn the camera's images into the profile's."""
     direction: DirectionCorrection = UNCORRECTED
     """Errors of the contact directions."""
     pixel_pitch: float | None = None
     """Width and height of a pixel on the gel [m]; None if it was not measured."""
     pixel_pitch_sigma: float = 0.0
-    """Its standard deviation, as a share of it."""
+    """Standard deviation of the pixel pitch, as a share of it."""
     set_up: SetUp | None = None
-    """Errors of the robot; None without pushes."""
+    """Errors of the robot's set-up; None without pushes."""
     is_view_known: bool = False
-    """Presses or pushes have shown how images lie; otherwise only their size is known."""
+    """True if presses or pushes have shown how images lie; otherwise only their size is known."""
     file: Path | None = None
-    """Its file, if it was read from one."""
+    """The file that it was read from, if any."""
     is_sure: bool = False
-    """It comes from the stream that it is used for. Others are doubted until an image looks like the untouched gel."""
+    """True if it comes from the stream that it is used for; other calibrations are doubted until an image looks like
+    the untouched gel."""
 
 
 def calibrated(sensor: SensorProfile, calibration: Calibration | None) -> SensorProfile:
@@ -120,31 +123,32 @@ def calibrated(sensor: SensorProfile, calibration: Calibration | None) -> Sensor
 
 
 def mismatch(calibration: Calibration, sensor: SensorProfile) -> str:
-    """Return a sentence if a calibration cannot be of the sensor, by its images' size or scale; otherwise ""."""
-    expected, found = (sensor.image_height, sensor.image_width), calibration.background.mean.shape[:2]
+    """Return a sentence if the size or scale of a calibration's images cannot be the sensor's; otherwise ""."""
     name = calibration.file or "the calibration"
-    shown = calibrated(sensor, calibration).shown / sensor.shown / calibration.direction.scale
-    if not PITCHES[0] < shown < PITCHES[1]:
+    shown_ratio = calibrated(sensor, calibration).shown / sensor.shown / calibration.direction.scale
+    if not PITCHES[0] < shown_ratio < PITCHES[1]:
         return (
-            f"{name}: is as if an image showed {shown:.2g} times what one of {sensor.name!r} does, allowed are "
+            f"{name}: is as if an image showed {shown_ratio:.2g} times what one of {sensor.name!r} does, allowed are "
             f"{PITCHES[0]:g} to {PITCHES[1]:g}: are angles right, and the units of angles, places, ruler, outlines?"
         )
-    if found == expected or not sensor.image_height:
+    height, width = calibration.background.mean.shape[:2]
+    if not sensor.image_height or (height, width) == (sensor.image_height, sensor.image_width):
         return ""
-    sizes = "{} x {} px; those of sensor {!r} have {} x {}".format(*found, sensor.name, *expected)
-    return f"{name}: is of images of {sizes}"
+    expected = f"those of sensor {sensor.name!r} have {sensor.image_height} x {sensor.image_width}"
+    return f"{name}: is of images of {height} x {width} px; {expected}"
 
 
 def write_calibration(calibration: Calibration, path: Path | str, overwrite: bool = False) -> None:
-    """Write the `.npz`, whole or not at all."""
-    view, direction, gel = calibration.view, calibration.direction, calibration.background
+    """Write the `.npz`, whole or not at all. Raises FileError if the file exists, unless `overwrite` is set."""
+    view = calibration.view
+    direction = calibration.direction
     sigmas = [np.nan if sigma is None else sigma for sigma in (direction.offset_sigma, direction.scale_sigma)]
     with whole_file(path, overwrite) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             version=VERSION,
-            mean=gel.mean,
-            noise=gel.noise,
+            mean=calibration.background.mean,
+            noise=calibration.background.noise,
             view=[view.quarter_turns, view.mirrored, *view.channels],
             view_known=calibration.is_view_known,
             direction=[direction.offset, direction.scale, *sigmas],
@@ -158,45 +162,64 @@ def load_calibration(path: Path | str) -> Calibration:
     path = existing_file(path)
     arrays = read_arrays(path)
     with in_file(path):
-        names = ("version", "mean", "noise", "view", "view_known", "direction", "pixel_pitch")
-        if missing := [name for name in names if name not in arrays]:
-            raise FileError(f"is no calibration of palpate calibrate, {missing[0]!r} is missing")
-        version = int(checked_array("version", arrays["version"], NUMBERS, ()))
-        if version not in (5, 6, VERSION):  # 5 is without pushes
-            raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
-        set_up = arrays.get("set_up", np.empty(0))
+        _check_version(arrays)
         mean = _levels("mean", arrays["mean"], ("N", "N", 3))
-        background = Background(mean, _levels("noise", arrays["noise"], cells_of(mean).shape))
-
-        def numbers(name: str, count: int) -> list[float]:
-            return checked_array(name, arrays[name], NUMBERS, (count,)).astype(float).tolist()
-
-        views: dict[Any, CameraView] = {(each.quarter_turns, each.mirrored, *each.channels): each for each in VIEWS}
-        view = views.get(tuple(numbers("view", 5)))
-        offset, scale, *sigmas = numbers("direction", 4)
-        pitch, pitch_sigma = numbers("pixel_pitch", 2)
+        noise = _levels("noise", arrays["noise"], cells_of(mean).shape)
+        view = _VIEWS_BY_NUMBERS.get(tuple(_numbers(arrays, "view", 5)))
+        offset, scale, *sigmas = _numbers(arrays, "direction", 4)
+        pitch, pitch_sigma = _numbers(arrays, "pixel_pitch", 2)
+        set_up = arrays.get("set_up", np.empty(0))
         is_direction = np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)
         is_pitch = (np.isnan(pitch) or 1e-6 <= pitch <= 1e-2) and 0.0 <= pitch_sigma <= 0.5
-        is_set_up = set_up.dtype.kind == "f" and (not set_up.size or set_up.shape == (4, 2))
-        is_set_up = is_set_up and (np.abs(set_up) <= 1.0).all() and (set_up[..., 1:] > 0.0).all()
         for name, is_right, allowed in (
-            ("set_up", is_set_up, "nothing, or four numbers up to 1 with sigmas above 0"),
-            ("view", view, "quarter turns 0 or 2, 0 or 1, and channels 0, 1, 2"),
+            ("set_up", _is_set_up(set_up), "nothing, or four numbers up to 1 with sigmas above 0"),
+            ("view", view is not None, "quarter turns 0 or 2, 0 or 1, and channels 0, 1, 2"),
             ("direction", is_direction, "an offset, a scale above 0 and sigmas above 0"),
             ("pixel_pitch", is_pitch, "a length from 1e-6 to 0.01 m and a sigma from 0 to 0.5"),
         ):
             if not is_right:
                 raise FileError(f"{name}: found {arrays[name].tolist()}, expected {allowed}")
         return Calibration(
-            background,
+            Background(mean, noise),
             view or AS_IT_IS,
-            DirectionCorrection(offset, scale, *(None if np.isnan(sigma) else sigma for sigma in sigmas)),
-            None if np.isnan(pitch) else pitch,
+            DirectionCorrection(offset, scale, _none_for_nan(sigmas[0]), _none_for_nan(sigmas[1])),
+            _none_for_nan(pitch),
             pitch_sigma,
             SetUp(*map(tuple, set_up.astype(float).tolist())) if set_up.size else None,
             is_view_known=bool(checked_array("view_known", arrays["view_known"], FLAGS, ())),
             file=path,
         )
+
+
+_VIEWS_BY_NUMBERS: dict[Any, CameraView] = {(view.quarter_turns, view.mirrored, *view.channels): view for view in VIEWS}
+"""Views by the numbers that stand for them in a file."""
+
+
+def _check_version(arrays: dict[str, NDArray[Any]]) -> None:
+    """Raise FileError unless the arrays are those of a calibration, of a version that can be read."""
+    for name in ("version", "mean", "noise", "view", "view_known", "direction", "pixel_pitch"):
+        if name not in arrays:
+            raise FileError(f"is no calibration of palpate calibrate, {name!r} is missing")
+    version = int(checked_array("version", arrays["version"], NUMBERS, ()))
+    if version not in (5, 6, VERSION):  # 5 has no set-up
+        raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
+
+
+def _numbers(arrays: dict[str, NDArray[Any]], name: str, count: int) -> list[float]:
+    return checked_array(name, arrays[name], NUMBERS, (count,)).astype(float).tolist()
+
+
+def _none_for_nan(number: float) -> float | None:
+    return None if np.isnan(number) else number
+
+
+def _is_set_up(numbers: NDArray[Any]) -> bool:
+    """Return true if an array is empty, or holds mean and standard deviation of the four errors of a set-up."""
+    if numbers.dtype.kind != "f":
+        return False
+    if not numbers.size:
+        return True
+    return numbers.shape == (4, 2) and bool((np.abs(numbers) <= 1.0).all() and (numbers[:, 1:] > 0.0).all())
 
 
 def _levels(name: str, value: NDArray[Any], shape: tuple[int | str, ...]) -> Levels:

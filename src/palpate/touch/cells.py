@@ -1,7 +1,7 @@
-"""Images: their cells, and the light in them relative to the untouched gel's.
+"""Cells of images, and the light in an image relative to the light in that of the untouched gel.
 
-A cell is the mean over an area of an image, 30 across its shorter side. Cells have less noise than pixels, so a touch
-of 0.1 mm shows, and the gel spreads every touch over more than a cell of 0.6 mm.
+A cell is the mean over a square part of an image; 30 cells lie along the shorter side. Cells have less noise than
+pixels, so a touch of 0.1 mm shows. Nothing is lost: the gel spreads every touch over more than a cell of 0.6 mm.
 """
 
 import math
@@ -17,12 +17,13 @@ from palpate.config import CONTACT_DETECTION
 
 Pixels = TypeVar("Pixels", bound=NDArray[Any])
 Light = NDArray[np.float64]
-"""(channels, 3): relative brightness in the middle of an image, and its change to the right and to the lower border."""
+"""(channels, 3): the plane of relative brightness over an image, by its value in the middle and its changes from there
+to the right border and to the lower one."""
 
 ACROSS = 30
-"""Cells over the shorter side of an image."""
+"""Cells along the shorter side of an image."""
 NEIGHBOURS = 5
-"""Thirds of cells across a square in which what fills less than half, as a scratch, is thinner than a touch."""
+"""Width of the median filter that removes scratches [thirds of a cell]: what fills less than half of it disappears."""
 LARGEST_LIGHT_CHANGE = 3.0
 """Factor by which the light may change either way while the gel still shows."""
 MOST_LIGHT_FITS = 8
@@ -30,7 +31,7 @@ MOST_LIGHT_FITS = 8
 SETTLED_LIGHT = 1e-3
 """Change of the light, relative to the untouched gel's, that ends the fits: a quarter of a grey level."""
 _OUTLIER = 0.5 * CONTACT_DETECTION.significant * CONTACT_DETECTION.least_deviation
-"""[grey levels] off the light's plane from which a cell hardly counts: half of what is significant."""
+"""[grey levels] Residual of the light's plane at which a cell has half its weight: half of what is significant."""
 
 
 def is_dark(image: Image | Levels) -> bool:
@@ -39,7 +40,7 @@ def is_dark(image: Image | Levels) -> bool:
 
 
 def is_flat(image: Image | Levels) -> bool:
-    """Return true if an image, or its cells, have one level within 4, as black and saturated ones have."""
+    """Return true if all levels of an image, or of its cells, lie within 4, as in black and saturated images."""
     return float(np.ptp(image)) < 4.0
 
 
@@ -48,12 +49,14 @@ def is_grey(image: Image | Levels) -> bool:
     if image.ndim != 3:
         return False
     sparse = sparse_pixels(image)
-    red, green, blue = (sparse[..., channel] for channel in range(3))
+    red = sparse[..., 0]
+    green = sparse[..., 1]
+    blue = sparse[..., 2]
     return bool((red == green).all() and (green == blue).all())
 
 
 def sparse_pixels(image: Pixels) -> Pixels:
-    """Return one pixel a cell of an image (height, width, 3), which shows its colours and if it is another."""
+    """Return one pixel of each cell of an image (height, width, 3): enough to see if two images are the same."""
     step = int(cell_width(*image.shape[:2]))
     return image[::step, ::step]  # pyright: ignore[reportReturnType]
 
@@ -64,25 +67,27 @@ def cell_width(height: int, width: int) -> float:
 
 
 def third_of_cell(height: int, width: int) -> float:
-    """Return the width of a third of a cell [px], the finest that is looked at."""
+    """Return the width of a third of a cell [px], the finest detail that is used."""
     return cell_width(height, width) / 3.0
 
 
 def cells_of(image: Image | Levels) -> Levels:
     """Return the cells (rows, columns, 3) of an image (height, width, 3)."""
-    pixels = cell_width(*image.shape[:2])
-    return area_means(image, round(image.shape[0] / pixels), round(image.shape[1] / pixels))
+    height, width = image.shape[:2]
+    pixels = cell_width(height, width)
+    return area_means(image, round(height / pixels), round(width / pixels))
 
 
 def wide_cells_of(image: Image) -> Levels:
-    """Return the cells of an image (height, width, 3) without what is thinner than half a cell, such as a scratch.
+    """Return the cells of an image (height, width, 3) without details thinner than half a cell, such as scratches.
 
-    Images of few pixels stay as they are.
+    Images of so few pixels that a third of a cell has less than one are not filtered.
     """
     import cv2
 
     height, width = image.shape[:2]
-    pixels, sample = cell_width(height, width), third_of_cell(height, width)
+    pixels = cell_width(height, width)
+    sample = third_of_cell(height, width)
     if sample < 1.0:
         return cells_of(image)
     samples = np.rint(area_means(image, round(height / sample), round(width / sample))).astype(np.uint8)
@@ -99,125 +104,170 @@ def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
 
 
 def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
-    """Return the share of values of cells (rows, columns, 3) that are off the untouched gel's in their light.
+    """Return the share of values of cells (rows, columns, 3) that differ from the untouched gel's by over a tolerance.
 
-    The light relative to the untouched gel's is a plane over the image, fitted robustly to each channel, so a touch of
-    less than half of the pad does not matter.
+    The untouched gel is taken in the light of the cells. That is a plane over the image for each channel, fitted
+    robustly, so that a touch of less than half of the pad does not change it.
     """
     return np.count_nonzero(np.abs(change_in_light(cells, untouched)) > tolerance) / cells.size
 
 
 def change_in_light(image: Levels, untouched: Levels, columns: int | None = None) -> Levels:
-    """Return the change (rows, width, 3) of an image from the untouched gel in its light.
+    """Return the change (rows, width, 3) of an image from the untouched gel, taken in the light of the image.
 
-    The light is found in so many columns, by default in all.
+    The light is fitted to means over so many columns, by default to all values.
     """
-    seen, known = image, untouched
-    if columns is not None:
-        seen, known = (area_means(each, len(each), columns) for each in (image, untouched))
-    return _change(image, untouched, _planes(seen, known))
+    if columns is None:
+        light = _fitted_light(image, untouched)
+    else:
+        light = _fitted_light(area_means(image, len(image), columns), area_means(untouched, len(untouched), columns))
+    return _change(image, untouched, light)
 
 
-def _planes(cells: Levels, untouched: Levels) -> Light:
-    """Return the light in cells relative to the untouched gel's, by reweighted least squares from the median on."""
-    seen, known = (np.ascontiguousarray(each.transpose(2, 0, 1)) for each in (cells, untouched))
-    planes, count = np.zeros((len(seen), 3)), known[0].size
+def _fitted_light(cells: Levels, untouched: Levels) -> Light:
+    """Return the light in cells relative to the untouched gel's, by reweighted least squares that start at medians."""
+    levels = np.ascontiguousarray(cells.transpose(2, 0, 1))
+    untouched_levels = np.ascontiguousarray(untouched.transpose(2, 0, 1))
+    channels = len(levels)
+    count = levels[0].size
     middle = [(count - 1) // 2, count // 2]
-    ratios = np.partition((seen / np.maximum(known, np.float32(1.0))).reshape(len(seen), -1), middle)
-    planes[:, 0] = ratios[:, middle].mean(axis=1)
-    _fit(seen, known, planes, np.empty((3, 4)))
+    ratios = (levels / np.maximum(untouched_levels, np.float32(1.0))).reshape(channels, -1)
+    planes = np.zeros((channels, 3))
+    planes[:, 0] = np.partition(ratios, middle)[:, middle].mean(axis=1)
+    _fit_planes(levels, untouched_levels, planes)
     return planes
 
 
 @compiled
 def _area_means(image: Records, rows: int, columns: int) -> Records:
+    """Return the means (rows, columns, 3) over areas: first down each column of pixels, then along the row of sums."""
     height, width, _ = image.shape
     out = np.empty((rows, columns, 3), np.float32)
     lines = image.reshape(height, 3 * width)
-    down, across = height / rows, width / columns
-    shares = np.empty((columns, int(across) + 2), np.float32)  # of each pixel in its column
+    area_height = height / rows
+    area_width = width / columns
+    weights = np.empty((columns, int(area_width) + 2), np.float32)  # of the pixels of each area, from left to right
     for column in range(columns):
-        left, right = column * across, (column + 1) * across
+        left = column * area_width
+        right = (column + 1) * area_width
         for x in range(int(left), min(math.ceil(right - 1e-9), width)):
-            share = (min(x + 1.0, right) - max(float(x), left)) / (down * across)
-            shares[column, x - int(left)] = np.float32(share)
+            weight = (min(x + 1.0, right) - max(float(x), left)) / (area_height * area_width)
+            weights[column, x - int(left)] = np.float32(weight)
     line = np.empty(3 * width, np.float32)
     for row in range(rows):
-        top, bottom = row * down, (row + 1) * down
+        top = row * area_height
+        bottom = (row + 1) * area_height
         line[:] = np.float32(0.0)
         for y in range(int(top), min(math.ceil(bottom - 1e-9), height)):
-            share = np.float32(min(y + 1.0, bottom) - max(float(y), top))
+            weight = np.float32(min(y + 1.0, bottom) - max(float(y), top))
             for i in range(3 * width):  # one long loop, which the compiler turns into vector instructions
-                line[i] += share * np.float32(lines[y, i])
+                line[i] += weight * np.float32(lines[y, i])
         for column in range(columns):
-            first = int(column * across)
-            red = green = blue = np.float32(0.0)  # three sums at a time, as each waits for its last addition
-            for x in range(first, min(math.ceil((column + 1) * across - 1e-9), width)):
-                share = shares[column, x - first]
-                red += share * line[3 * x]
-                green += share * line[3 * x + 1]
-                blue += share * line[3 * x + 2]
-            out[row, column, 0], out[row, column, 1], out[row, column, 2] = red, green, blue
+            first = int(column * area_width)
+            # Three sums side by side: an addition to one need not wait for the last addition to another.
+            red = np.float32(0.0)
+            green = np.float32(0.0)
+            blue = np.float32(0.0)
+            for x in range(first, min(math.ceil((column + 1) * area_width - 1e-9), width)):
+                weight = weights[column, x - first]
+                red += weight * line[3 * x]
+                green += weight * line[3 * x + 1]
+                blue += weight * line[3 * x + 2]
+            out[row, column, 0] = red
+            out[row, column, 1] = green
+            out[row, column, 2] = blue
     return out
 
 
 @compiled
 def _change(image: Records, untouched: Records, light: Light) -> Records:
+    """Return an image less the untouched gel (rows, columns, channels) in a light."""
     rows, columns, channels = untouched.shape
     out = np.empty((rows, columns, channels), np.float32)
     for row in range(rows):
-        down = 2.0 * (row + 0.5) / rows - 1.0
+        y = 2.0 * (row + 0.5) / rows - 1.0
         for column in range(columns):
-            right = 2.0 * (column + 0.5) / columns - 1.0
+            x = 2.0 * (column + 0.5) / columns - 1.0
             for channel in range(channels):
-                part = light[channel, 0] + light[channel, 1] * right + light[channel, 2] * down
-                part = np.float32(min(max(part, 1.0 / LARGEST_LIGHT_CHANGE), LARGEST_LIGHT_CHANGE))
-                out[row, column, channel] = image[row, column, channel] - part * untouched[row, column, channel]
+                brightness = light[channel, 0] + light[channel, 1] * x + light[channel, 2] * y
+                factor = np.float32(min(max(brightness, 1.0 / LARGEST_LIGHT_CHANGE), LARGEST_LIGHT_CHANGE))
+                out[row, column, channel] = image[row, column, channel] - factor * untouched[row, column, channel]
     return out
 
 
-@partial(compiled, fastmath={"reassoc"})  # sums may be taken in any order, and so several terms at a time
-def _fit(cells: Levels, untouched: Levels, planes: Light, system: Light) -> None:
-    """Fit the planes of cells (channels, rows, columns), which are close already; `system` (3, 4) is room."""
-    channels, rows, columns = cells.shape
-    for channel in range(channels):
-        middle, right, down = planes[channel, 0], planes[channel, 1], planes[channel, 2]
-        seen, known = cells[channel], untouched[channel]
+_compiled_sums = partial(compiled, fastmath={"reassoc"})
+"""Compiles a function whose sums may be taken in any order, and so several terms at a time."""
+
+
+@_compiled_sums
+def _fit_planes(cells: Levels, untouched: Levels, planes: Light) -> None:
+    """Fit the planes (channels, 3) of the light in cells (channels, rows, columns), which are close already."""
+    system = np.empty((3, 4))
+    for channel in range(len(cells)):
+        plane = planes[channel]
         for _ in range(MOST_LIGHT_FITS):
-            system[:] = 0.0
-            for i in range(3):
-                system[i, i] = 1.0  # so that a black channel has a fit
-            for row in range(rows):
-                y = 2.0 * (row + 0.5) / rows - 1.0
-                at, total, along, along_twice, off_total, off_along = middle + down * y, 0.0, 0.0, 0.0, 0.0, 0.0
-                for column in range(columns):
-                    x = 2.0 * (column + 0.5) / columns - 1.0
-                    level = np.float64(known[row, column])
-                    off = seen[row, column] - (at + right * x) * level
-                    part = level / (1.0 + (off / _OUTLIER) ** 2)
-                    weight, part = part * level, part * off
-                    total += weight
-                    along += weight * x
-                    along_twice += weight * x * x
-                    off_total += part
-                    off_along += part * x
-                system[0, 0] += total
-                system[0, 1] += along
-                system[0, 2] += total * y
-                system[1, 1] += along_twice
-                system[1, 2] += along * y
-                system[2, 2] += total * y * y
-                system[0, 3] += off_total
-                system[1, 3] += off_along
-                system[2, 3] += off_total * y
-            for i in range(3):  # NumPy's solver would take five seconds to compile
-                for j in range(3):
-                    share = system[min(i, j), max(i, j)] / system[i, i] if j != i else 0.0
-                    for k in range(i + 1, 4):
-                        system[j, k] -= share * system[i, k]
-            for i in range(3):
-                system[i, 3] /= system[i, i]
-            middle, right, down = middle + system[0, 3], right + system[1, 3], down + system[2, 3]
-            if max(abs(system[0, 3]), abs(system[1, 3]), abs(system[2, 3])) < SETTLED_LIGHT:
+            _sum_normal_equations(cells[channel], untouched[channel], plane, system)
+            _solve(system)
+            step = system[:, 3]
+            plane += step
+            if max(abs(step[0]), abs(step[1]), abs(step[2])) < SETTLED_LIGHT:
                 break
-        planes[channel, 0], planes[channel, 1], planes[channel, 2] = middle, right, down
+
+
+@_compiled_sums
+def _sum_normal_equations(cells: Levels, untouched: Levels, plane: Light, system: Light) -> None:
+    """Set `system` (3, 4) to the normal equations of the step of a plane (3,), right side last, for one channel.
+
+    Cells count less the farther they are off the plane.
+    """
+    rows, columns = cells.shape
+    system[:] = 0.0
+    for i in range(3):
+        system[i, i] = 1.0  # so that a black channel has a solution
+    for row in range(rows):
+        y = 2.0 * (row + 0.5) / rows - 1.0
+        brightness_of_row = plane[0] + plane[2] * y
+        # Sums over the row of the weight w and of the weighted residual r, each with powers of x.
+        w = 0.0
+        w_x = 0.0
+        w_x_x = 0.0
+        r = 0.0
+        r_x = 0.0
+        for column in range(columns):
+            x = 2.0 * (column + 0.5) / columns - 1.0
+            level = np.float64(untouched[row, column])
+            residual = cells[row, column] - (brightness_of_row + plane[1] * x) * level
+            robust_level = level / (1.0 + (residual / _OUTLIER) ** 2)
+            weight = robust_level * level
+            weighted_residual = robust_level * residual
+            w += weight
+            w_x += weight * x
+            w_x_x += weight * x * x
+            r += weighted_residual
+            r_x += weighted_residual * x
+        system[0, 0] += w
+        system[0, 1] += w_x
+        system[0, 2] += w * y
+        system[1, 1] += w_x_x
+        system[1, 2] += w_x * y
+        system[2, 2] += w * y * y
+        system[0, 3] += r
+        system[1, 3] += r_x
+        system[2, 3] += r * y
+
+
+@_compiled_sums
+def _solve(system: Light) -> None:
+    """Solve three symmetric equations (3, 4) by Gauss-Jordan elimination; the solution becomes the last column.
+
+    NumPy's solver would take five seconds to compile.
+    """
+    for i in range(3):
+        for j in range(3):
+            if j == i:
+                continue
+            factor = system[min(i, j), max(i, j)] / system[i, i]  # symmetric: only the upper half is kept up to date
+            for k in range(i + 1, 4):
+                system[j, k] -= factor * system[i, k]
+    for i in range(3):
+        system[i, 3] /= system[i, i]

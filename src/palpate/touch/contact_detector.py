@@ -32,36 +32,40 @@ BACKGROUND_EVERY = 5
 
 
 class ContactDetector:
-    """Decides for one image after the other if the gel is touched.
+    """Decision for one image after the other if the gel is touched.
 
-    Cells of an image are compared with those of the untouched gel in the image's light, so a light that fades or
-    wanders during a touch leaves none behind. While nothing touches, the background follows the images.
+    Cells of an image are compared with those of the untouched gel in the light of the image, so a light that fades or
+    moves during a touch does not look like one afterwards. While nothing touches, the background follows the images.
 
-    Without a calibration the first half second of steady images is taken as untouched, and the answer is no until
-    then. A calibration that is not sure, as it may be of another unit, is trusted once an image looks like it.
+    Without a calibration the first half second of steady images is taken as untouched, and `update` returns false until
+    then. A calibration that is not sure may be of another unit; it is trusted once an image looks like it.
     """
 
     def __init__(self, sensor: SensorProfile, calibration: Calibration | None = None) -> None:
         """Take the sensor's profile; raises SettingError if the calibration has images of another size."""
-        if calibration is not None and (wrong := mismatch(calibration, sensor)):
-            raise SettingError(wrong)
-        # Compile or load all that reads images now, not at a robot's first one.
+        if calibration is not None:
+            wrong = mismatch(calibration, sensor)
+            if wrong:
+                raise SettingError(wrong)
+        # Compile or load the functions that read images now, not at the robot's first image.
         cells_of(background_of([np.zeros((1, 1, 3), np.uint8)]).mean)
         self.background: Background | None = None
-        """The untouched gel as known now; None while the first images are collected."""
+        """The untouched gel at present; None while the first images are collected."""
         self.share = 0.0
         """Share of the last image's values that differ significantly from the untouched gel, 0 to 1."""
         self.new_view: Background | None = None
-        """The untouched gel if it is what the images refused last show steadily for half a second, as of a camera that
-        was set up late."""
+        """The steady view that the images refused last showed for half a second, as of a camera that was set up late;
+        otherwise None."""
         self._size = (sensor.image_height, sensor.image_width) if sensor.image_height else None
         self._steady = SteadyImages(sensor.rate)
         self._view = calibration.view if calibration else AS_IT_IS
-        self._doubted = ""
-        self._touched = self._has_markers = False
+        self._doubted = ""  # name of the calibration, while it may be of another unit
+        self._touched = False
+        self._has_markers = False
         self._untouched_images = 0
-        self._sparse: Image | None = None  # of the last image that showed a gel
-        self._repeats, self._is_noisy = 0, False
+        self._sparse: Image | None = None  # sparse pixels of the last image that showed a gel
+        self._repeats = 0  # times that the last image came in a row
+        self._is_noisy = False  # an image that came after a repeated one differed in most pixels
         if calibration is not None:
             self._size = calibration.background.mean.shape[:2]
             self.take(calibration.background)
@@ -69,7 +73,7 @@ class ContactDetector:
 
     @property
     def doubt(self) -> str:
-        """Reason to doubt the background; empty once an image looked like it."""
+        """Reason to doubt the background; empty once an image has looked like it."""
         if not self._doubted:
             return self._steady.trouble if self.background is None else ""
         return (
@@ -100,10 +104,11 @@ class ContactDetector:
             turned = ", turned by a quarter" if image.shape == (width, height, 3) else ""
             expected = f"uint8 ({height}, {width}, 3): rows, columns, red green blue"
             raise SettingError(f"image: found {image.dtype} {image.shape}{turned}; expected {expected}")
-        self._size = height, width
+        self._size = (height, width)
         if self.background is None:
-            if (found := self._steady.add(image)) is not None:
-                self._use(found)
+            first_background = self._steady.add(image)
+            if first_background is not None:
+                self._use(first_background)
             return False
         cells = cells_of(image)
         share = self._significant_share(image, cells)
@@ -120,35 +125,49 @@ class ContactDetector:
         return self._touched
 
     def forget(self) -> None:
-        """Take the next images as untouched: a supposed touch is a gel or a light that has changed."""
-        self.background, self._touched, self._doubted, self.new_view = None, False, "", None
+        """Forget the untouched gel and take the next images as untouched: what looked like a touch was a change."""
+        self.background = None
+        self._touched = False
+        self._doubted = ""
+        self.new_view = None
         self._steady.seen.clear()
 
     def take(self, gel: Background) -> None:
-        """Take this as the untouched gel."""
+        """Take a background as the untouched gel."""
         self.forget()
         self._has_markers = self._has_markers or has_markers(gel.mean)
         self._use(replace(gel, mean=without_markers(gel.mean)) if self._has_markers else gel)
 
     def _use(self, background: Background) -> None:
+        """Set the background, and what images are compared with."""
         self.background = background
-        self._cells, self._wide_cells, self._look = cells_of(background.mean), None, None
+        self._cells = cells_of(background.mean)
+        self._wide_cells: Levels | None = None  # computed when they are first needed
+        self._shares_last_filtered: tuple[float, float] | None = None
         self._is_grey = is_grey(background.mean)
         deviation = np.maximum(background.noise, np.float32(CONTACT_DETECTION.least_deviation))
         self._tolerance = np.float32(CONTACT_DETECTION.significant) * deviation
 
     def _significant_share(self, image: Image, cells: Levels) -> float:
-        if is_grey(image) != self._is_grey:  # the camera's mode is another, or it sees nothing
+        """Return the share of values that differ significantly from the untouched gel, without that of scratches."""
+        if is_grey(image) != self._is_grey:  # the camera has changed its mode, or sees nothing
             return 1.0
         share = compare(cells, self._cells, self._tolerance)
         if share <= CONTACT_DETECTION.end:
             return share
+        wide_share = self._share_of_wide_details(image, share)
+        return wide_share if wide_share < SCRATCH_SHARE * share else share
+
+    def _share_of_wide_details(self, image: Image, share: float) -> float:
+        """Return the share without details as thin as scratches, computed anew only if the whole share has changed."""
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
             self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
-        if self._look is None or abs(share - self._look[0]) > 0.1 * share:  # a touch adds more
-            self._look = share, compare(wide_cells_of(image), self._wide_cells, self._tolerance)
-        return self._look[1] if self._look[1] < SCRATCH_SHARE * share else share
+        last = self._shares_last_filtered
+        if last is None or abs(share - last[0]) > 0.1 * share:  # a touch adds more
+            last = (share, compare(wide_cells_of(image), self._wide_cells, self._tolerance))
+            self._shares_last_filtered = last
+        return last[1]
 
     def _check_gel(self, image: Image, cells: Levels, share: float) -> None:
         """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""
@@ -160,17 +179,20 @@ class ContactDetector:
             self.new_view = self._steady.add(image) or self.new_view
         if share <= CONTACT_DETECTION.start or (shows_gel and self._sparse is not None):
             return
-        check_view(cells, self._cells, "the untouched gel" + (f" of {self._doubted}" if self._doubted else ""))
+        check_view(
+            cells, self._cells, f"the untouched gel of {self._doubted}" if self._doubted else "the untouched gel"
+        )
         if not shows_gel:
-            known = "what was seen in the first half second or is in the calibration: is"
+            expected = "what was seen in the first half second or is in the calibration: is"
             if self._doubted:
-                known = f"that of {self._doubted}: was that another unit or a touched gel, or is"
+                expected = f"that of {self._doubted}: was that another unit or a touched gel, or is"
             raise SettingError(
-                f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is {known} the camera "
-                "covered or turned, or are its light or colours off?"
+                f"image: {share:.0%} of it is unlike the untouched gel, touched or not; expected is {expected} the "
+                "camera covered or turned, or are its light or colours off?"
             )
 
     def _check_not_repeated(self, image: Image) -> None:
+        """Raise SettingError if a camera whose images have noise has given the same image too often."""
         sparse = sparse_pixels(image).copy()
         changed = 1.0 if self._sparse is None else np.count_nonzero(sparse != self._sparse) / sparse.size
         self._sparse = sparse
@@ -184,9 +206,9 @@ class ContactDetector:
 
 
 def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:
-    """Return flags of encoded images in which the gel is touched; it is not in one that is damaged or shows no gel."""
+    """Return flags (N,) of encoded images that show a touch; those that are damaged or show no gel count as none."""
     detector = ContactDetector(sensor, calibration)
-    size = sensor.image_height, sensor.image_width
+    size = (sensor.image_height, sensor.image_width)
     flags = np.zeros(len(images), np.bool_)
     for index, image in enumerate(images):
         with suppress(FileError, SettingError):

@@ -1,4 +1,4 @@
-"""Touch measurements: an image of a contact in, measurements out."""
+"""Touch measurements of a frame of contact, by a touch model from its image or by another source."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -16,6 +16,7 @@ from palpate.touch.touch_model import (
     LEAST_CORNER_LOG_ODDS,
     ROWS,
     SHIPPED_OF,
+    Reading,
     TouchModel,
     difference_in_light,
     no_shipped_model,
@@ -58,18 +59,21 @@ class TouchReader:
         Raises SettingError if the images are to be read, and there is no model or it does not fit the sensor.
         """
         self.tactile: TactileChoice = tactile
-        """Source of the measurements; of auto, the one chosen once the untouched gel is known."""
+        """Source of the measurements; in place of auto, the source chosen once the untouched gel is known."""
         self.reason = ""
-        """Reason for that choice; empty if there was none."""
-        self._own, self._is_open = own, own is None and tactile == "auto"
+        """Reason for that choice; empty if the source was given."""
+        self._own = own
+        self._is_open = own is None and tactile == "auto"  # the source is not yet chosen
         self._correction = calibration.direction if calibration else UNCORRECTED
         self._mean: Levels | None = None  # of the untouched gel when the contact began
         if model is None and sensor.name in SHIPPED_OF:
             model = shipped_model(sensor.name)
         self._model = model
         self.needs_colours = model is not None and model.is_shipped
-        """True if the touch model is one that comes with palpate: these read colours."""
-        self._on_gel = angle_factor(model, calibrated(sensor, calibration))
+        """True if the touch model is one that comes with palpate, as those need images with colours."""
+        self._angle_factor = angle_factor(model, calibrated(sensor, calibration))
+        spread = {} if model is None else model.settings.spread
+        self._variance_factors = {name: each.factor for name, each in spread.items()}
         self._misfit = misfit(sensor, model)
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
@@ -82,10 +86,10 @@ class TouchReader:
         return self.tactile == "learnt" and self._own is None
 
     def choose(self, image: Image | None, background: Background | None) -> None:
-        """Choose the source if that is open, by the untouched gel: the first images may be grey or white.
+        """Choose the source where it is auto, by the untouched gel, as the first images may be grey or white.
 
-        It is learnt if there is a model that reads such images: of its size, of one tip, and in colours unless it is
-        the user's.
+        The touch model is chosen if there is one that reads such images: of its size, of one tip, and in colours, which
+        the user's own model may not need.
         """
         if not self._is_open:
             return
@@ -106,9 +110,10 @@ class TouchReader:
             self._is_open = False
 
     def read(self, frame: Frame, background: Background | None) -> Sequence[Measurement]:
-        """Return the measurements of a frame of contact; `background` is the untouched gel as known now.
+        """Return the measurements of a frame of contact; `background` is the untouched gel at present.
 
-        During a contact the images are compared with the gel as it was known at its begin, in their own light.
+        During a contact the images are compared with the gel as it was when the contact began, in their own light.
+        Raises EstimationError if a touch model has no image to read.
         """
         if self._own is not None:
             return self._own.measure(frame)
@@ -121,21 +126,26 @@ class TouchReader:
         if self._mean is None:
             self._mean = reduced(background.mean)
         reading = self._model.read(difference_in_light(frame.image, self._mean))
-        offset = self._correction.offset / self._on_gel
-        scale = self._correction.scale / self._on_gel
-        found: list[Measurement] = []
-        for name in (each for each in ("direction", "place", "turn", "corner") if each in reading):
-            mean, variance, *more = reading[name]
-            variance *= self._model.settings.spread[name].factor
-            if name == "direction":
-                found.append(ContactDirection((mean - offset) / scale, variance / scale**2))
-            elif name == "place":
-                found.append(ContactPlace(mean, variance))
-            elif name == "turn":
-                found.append(Turn(mean / scale, variance / scale**2))
-            elif more[1] > LEAST_CORNER_LOG_ODDS:
-                found.append(ContactCorner(mean, variance, more[0]))
-        return found
+        return self._measurements(reading)
+
+    def _measurements(self, reading: Reading) -> list[Measurement]:
+        """Return the measurements in a reading of the touch model, corrected by the calibration."""
+        offset = self._correction.offset / self._angle_factor
+        scale = self._correction.scale / self._angle_factor
+        variances = {name: reading[name][1] * factor for name, factor in self._variance_factors.items()}
+        measurements: list[Measurement] = []
+        if "direction" in reading:
+            angle = (reading["direction"][0] - offset) / scale
+            measurements.append(ContactDirection(angle, variances["direction"] / scale**2))
+        if "place" in reading:
+            measurements.append(ContactPlace(reading["place"][0], variances["place"]))
+        if "turn" in reading:
+            measurements.append(Turn(reading["turn"][0] / scale, variances["turn"] / scale**2))
+        if "corner" in reading:
+            angle, _, slope, log_odds = reading["corner"]
+            if log_odds > LEAST_CORNER_LOG_ODDS:
+                measurements.append(ContactCorner(angle, variances["corner"], slope))
+        return measurements
 
     def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
@@ -145,9 +155,10 @@ class TouchReader:
 
 
 def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
-    """Return the factor on angles that a model reads, since it takes an image to show the whole width of the pad.
+    """Return the factor on the angles that a model reads: the share of the pad's width that an image shows.
 
-    It is 1 for models trained on presses, which read angles as they are, and for flat pads, which show their edges.
+    The model takes every image to show the whole width. The factor is 1 for models trained on presses, which read
+    angles as they are, and for flat pads, whose edges images show.
     """
     if sensor.flat_width or (model is not None and "turn" not in model.settings.spread):
         return 1.0
@@ -156,8 +167,8 @@ def angle_factor(model: TouchModel | None, sensor: SensorProfile) -> float:
 
 def misfit(sensor: SensorProfile, model: TouchModel | None) -> str:
     """Return the reason why the images of a sensor cannot be read by a model, or by none, or ""."""
-    if (tips := len(sensor.tips)) > 1:
-        return f"the sensor has {tips} tips, and the touch model reads images of one"
+    if len(sensor.tips) > 1:
+        return f"the sensor has {len(sensor.tips)} tips, and the touch model reads images of one"
     if not sensor.image_height:
         return f"sensor {sensor.name!r} has no images"
     if model is None:
@@ -176,5 +187,5 @@ def _true_turn(frame: Frame) -> Sequence[Measurement]:
     if frame.object_pose is None or not np.isfinite(frame.object_pose).all():
         return ()
     yaw = se2.between(np.asarray(frame.object_pose), frame.sensor_pose)[2]
-    deviation = 1e-3  # [rad]
-    return (Turn(float(yaw), deviation**2),)
+    sigma = 1e-3  # [rad]
+    return (Turn(float(yaw), sigma**2),)

@@ -1,8 +1,9 @@
-"""Making a calibration: untouched gel, pixel pitch by a ruler, and by presses the camera view and errors of directions.
+"""Calibration of a unit by presses and a ruler: camera view, errors of contact directions, and pixel pitch.
 
-A ball, rod or edge is pressed on the gel at known angles or places. The model is asked in every view of the right size;
-in the right one, measured angles lie on a line over the true ones. Of presses by hand the order from one side to the
-other is enough: imprints lie in it in the right view. That shows the view, and none of the errors.
+A ball, rod or edge is pressed on the gel at known angles or places. The touch model reads the images in every view of
+the right size; in the right view the measured angles lie on a line over the true ones. For presses by hand it is enough
+to know their order from one side to the other: in the right view imprints lie in that order. Such presses show the
+view, but not the errors of directions.
 """
 
 import math
@@ -25,16 +26,19 @@ from palpate.types.images import CameraView, read_image
 from palpate.types.sensor import SensorProfile
 
 FEWEST = 5  # presses that show a line and its scatter
-SPREAD = np.radians(8.0)  # [rad] between least and greatest angle that a model needs, or presses in order
-WORST = np.radians(3.0)  # [rad] scatter about the line from which presses or angles are wrong
-_OFFSET, _SCALE = np.radians(2.0), 0.1  # standard deviations of offset [rad] and scale before any press
-_OTHER_OBJECTS = 0.06  # standard deviation of the scale of objects about that of a ball
+SPREAD = np.radians(8.0)  # [rad] least range of the angles of presses, given or in order
+WORST = np.radians(3.0)  # [rad] largest scatter about the line; more means wrong presses or angles
 LEFT_OR_RIGHT = 3.0
-"""Log likelihood of one over the other that makes it known."""
-_TRUTH, _IMPRINT = np.radians(0.3), np.radians(1.5)  # [rad] errors of given angles, and of angles by imprints
-_IN_ORDER = 0.9  # correlation of ranks from which imprints lie in an order
-_ALIKE = 0.25  # correlation of two imprints; nearly all simulated ones have more, and a single one at most 0.15
-_RULER = 0.04, 1e-4  # errors of a distance of imprints: as a share, from their flanks, and [m]
+"""Least difference of the log likelihoods of a view and of its mirror image that decides between them."""
+_OFFSET_SIGMA = np.radians(2.0)  # [rad] standard deviation of the offset before any press
+_SCALE_SIGMA = 0.1  # standard deviation of the scale before any press
+_OTHER_OBJECTS_SIGMA = 0.06  # standard deviation of the scale of other objects about that of a ball
+_GIVEN_ANGLE_SIGMA = np.radians(0.3)  # [rad] error of given angles
+_IMPRINT_ANGLE_SIGMA = np.radians(1.5)  # [rad] error of angles that imprints show
+_LEAST_RANK_CORRELATION = 0.9  # of imprints that lie in the order of their presses
+_LEAST_CORRELATION = 0.25  # of the two imprints of a ruler: nearly all simulated ones have more, a single one has 0.15
+_RULER_RELATIVE_SIGMA = 0.04  # error of the distance of two imprints as a share of it, from their flanks
+_RULER_SIGMA = 1e-4  # [m] further error of that distance
 
 
 def with_ruler(calibration: Calibration, image: Image, length: float, sensor: SensorProfile) -> Calibration:
@@ -43,33 +47,46 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     A ruler is two edges or balls of one kind, pressed in side by side along the image's columns, `length` [m] apart on
     the gel. Raises FileError where the image does not show two imprints.
     """
-    from scipy.ndimage import gaussian_filter1d
-
     if sensor.pixel_pitch is None:
         raise FileError(f"a ruler measures images of a pad, and {sensor.name!r} has none")
-    rows, columns = max(image.shape[0] // 10, 1), image.shape[1]
-    seen, known = (area_means(each, rows, columns).sum(axis=0) for each in (image, calibration.background.mean))
-    profile = gaussian_filter1d(seen - known, 0.008 * columns, axis=0, mode="constant")  # by two pixels of a DIGIT
-    alike = np.sum([np.correlate(channel, channel, "full")[columns - 1 :] for channel in profile.T], axis=0)
-    alike *= 2.0 / max(alike[0], 1e-9)
-    least, most = (round(length / (share * sensor.pixel_pitch)) for share in reversed(PITCHES))
-    least, most = max(least, 1), min(most, round(0.9 * columns))  # columns between two imprints
-    if most - least < 2 or length > 2.0 * (sensor.half_width or length):
-        found = f"a ruler of {1e3 * length:g} mm is not what an image of {sensor.name!r} shows"
-        raise FileError(f"{found}, some {1e3 * sensor.pixel_pitch * columns:.0f} mm")
-    best = least + int(np.argmax(alike[least : most + 1]))
-    if not alike[best] > _ALIKE or best in (least, most):
+    distance = _distance_of_imprints(image, calibration, length, sensor)
+    # Rendered edges and balls are found 3 % too far apart on a flat gel; on a round one their inner flanks are deeper.
+    angle = 0.0 if sensor.flat_width else length / sensor.radius
+    pitch = length / ((0.97 + 0.3 * angle) * distance)
+    pitch_sigma = math.hypot(_RULER_RELATIVE_SIGMA, _RULER_SIGMA / length)
+    measured = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=pitch_sigma)
+    # An image that shows less than the pad cuts off its sides: their directions are read too near to the middle.
+    scale = 1.0 if sensor.flat_width else 1.0 - 0.35 * max(0.9 - calibrated(sensor, measured).shown, 0.0)
+    scale_sigma = math.hypot(_OTHER_OBJECTS_SIGMA, pitch_sigma)
+    return replace(measured, direction=DirectionCorrection(scale=scale, scale_sigma=scale_sigma))
+
+
+def _distance_of_imprints(image: Image, calibration: Calibration, length: float, sensor: SensorProfile) -> int:
+    """Return the distance [px] of two imprints side by side, `length` [m] apart, by the autocorrelation of columns."""
+    from scipy.ndimage import gaussian_filter1d
+
+    assert sensor.pixel_pitch is not None
+    rows = max(image.shape[0] // 10, 1)
+    columns = image.shape[1]
+    levels = area_means(image, rows, columns).sum(axis=0)
+    untouched_levels = area_means(calibration.background.mean, rows, columns).sum(axis=0)
+    smoothing = 0.008 * columns  # [px], two pixels of a DIGIT
+    profile = gaussian_filter1d(levels - untouched_levels, smoothing, axis=0, mode="constant")
+    correlation = np.sum([np.correlate(channel, channel, "full")[columns - 1 :] for channel in profile.T], axis=0)
+    correlation *= 2.0 / max(correlation[0], 1e-9)
+    least = max(round(length / (PITCHES[1] * sensor.pixel_pitch)), 1)
+    most = min(round(length / (PITCHES[0] * sensor.pixel_pitch)), round(0.9 * columns))
+    is_wider_than_pad = sensor.half_width is not None and length > 2.0 * sensor.half_width
+    if most - least < 2 or is_wider_than_pad:
+        problem = f"a ruler of {1e3 * length:g} mm is not what an image of {sensor.name!r} shows"
+        raise FileError(f"{problem}, some {1e3 * sensor.pixel_pitch * columns:.0f} mm")
+    best = least + int(np.argmax(correlation[least : most + 1]))
+    if not correlation[best] > _LEAST_CORRELATION or best in (least, most):
         raise FileError(
             f"found no two imprints of the ruler side by side {1e3 * length:g} mm apart: are they one, or is the "
             "length another?"
         )
-    # Rendered edges and balls are found 3 % too far apart on a flat gel; on a round one their inner flanks are deeper.
-    angle = 0.0 if sensor.flat_width else length / sensor.radius
-    pitch, sigma = length / ((0.97 + 0.3 * angle) * best), math.hypot(_RULER[0], _RULER[1] / length)
-    found = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=sigma)
-    # An image that shows less than the pad cuts off sides: their directions are read too near to the middle.
-    scale = 1.0 if sensor.flat_width else 1.0 - 0.35 * max(0.9 - calibrated(sensor, found).shown, 0.0)
-    return replace(found, direction=DirectionCorrection(scale=scale, scale_sigma=math.hypot(_OTHER_OBJECTS, sigma)))
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +98,9 @@ class Presses:
     angle: Array
     """Contact direction, (N,) [rad], see `measurements.ContactDirection`; NaN if only their order from -y is known."""
     names: tuple[str, ...]
-    """Name of each in messages."""
+    """Name of each press in messages."""
     are_relative: bool = False
-    """Angles are from anywhere, not from the middle of the gel."""
+    """True if angles are measured from an unknown one, not from the middle of the gel."""
 
 
 def read_presses(
@@ -91,121 +108,189 @@ def read_presses(
 ) -> Presses:
     """Read a CSV with columns file and angle_deg, and its images relative to the folder; raises FileError.
 
-    `look` reads an image. With the sensor, places (place_mm) may stand for angles; presses in order need neither.
+    `look` reads an image. If the sensor is given, the column place_mm may stand in place of angle_deg, or neither for
+    presses in order.
     """
-    needed, optional = (("file",), ("angle_deg", "place_mm")) if sensor else (("file", "angle_deg"), ())
-    rows = read_table(path, needed, optional)
-    given = [at for at in (1, 2) if any(any(cells[at : at + 1]) for _, cells in rows)] or [1] * (sensor is None)
-    if len(given) > 1:
+    if sensor is None:
+        rows = read_table(path, ("file", "angle_deg"))
+    else:
+        rows = read_table(path, ("file",), ("angle_deg", "place_mm"))
+    has_angles = sensor is None or any(cells[1] for _, cells in rows)
+    has_places = sensor is not None and any(cells[2] for _, cells in rows)
+    if has_angles and has_places:
         raise FileError(f"{path}: found the columns angle_deg and place_mm; one of them is needed")
-    column, most, unit = "angle_deg", 90.0, "degrees"
-    if sensor and given == [2]:
-        column, most, unit = "place_mm", 1e3 * (0.0 if sensor.flat_width else sensor.radius), "mm on a round gel"
-    numbers, images = np.full(len(rows), np.nan), {}
+    angles = np.full(len(rows), np.nan)
+    images: dict[str, Image] = {}
     for index, (line, (name, *cells)) in enumerate(rows):
         with in_file(f"{path}: line {line}"):
-            for at in given:
-                numbers[index] = (numbers_of(cells[at - 1 : at]) or [np.nan])[0]
-                if not abs(numbers[index]) <= most:
-                    raise FileError(f"{column} is {cells[at - 1]!r}; expected -{most:g} to {most:g} {unit}")
+            if has_angles:
+                angles[index] = np.radians(_number_up_to(90.0, cells[0], "angle_deg", "degrees"))
+            elif has_places and sensor is not None:
+                farthest = 0.0 if sensor.flat_width else 1e3 * sensor.radius
+                place = _number_up_to(farthest, cells[1], "place_mm", "mm on a round gel")
+                angles[index] = np.arcsin(1e-3 * place / sensor.radius)
             if not name.isprintable() or not name or name in images:
                 raise FileError(f"file is {name!r}; expected the name of an image, each once")
             images[name] = look(path.parent / name)
-    angles = np.arcsin(1e-3 * numbers / sensor.radius) if sensor and given == [2] else np.radians(numbers)
-    return Presses(tuple(images.values()), angles, tuple(images), given == [2])
+    return Presses(tuple(images.values()), angles, tuple(images), are_relative=has_places)
+
+
+def _number_up_to(most: float, cell: str, column: str, unit: str) -> float:
+    """Return the number in a cell of a table, from -most to most. Raises FileError on anything else."""
+    numbers = numbers_of([cell])
+    if not numbers or not abs(numbers[0]) <= most:
+        raise FileError(f"{column} is {cell!r}; expected -{most:g} to {most:g} {unit}")
+    return numbers[0]
 
 
 def check_spread(angle: Array) -> None:
     """Raise FileError if angles (N,) [rad] are too close together to tell left from right."""
-    if (spread := float(np.ptp(angle))) < SPREAD:
-        found = f"found presses within {np.degrees(spread):.1f} degrees"
-        raise FileError(f"{found}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
+    spread = float(np.ptp(angle))
+    if spread < SPREAD:
+        problem = f"found presses within {np.degrees(spread):.1f} degrees"
+        raise FileError(f"{problem}; they must be spread over {np.degrees(SPREAD):.0f} degrees or more")
+
+
+@dataclass(frozen=True, eq=False)
+class _ViewFit:
+    """Presses as the model reads them in one view."""
+
+    log_likelihood: float
+    """Log likelihood of the measured directions; -inf if imprints do not lie in the order of the presses."""
+    calibration: Calibration
+    """The calibration with this view, and with the errors of directions if true angles were given."""
+    angle: Array
+    """Angle of each press, (N,) [rad], as given or as its imprint shows it."""
+    scatter: float
+    """Scatter of the measured directions about the line [rad]."""
 
 
 def learn_from_presses(
     presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
 ) -> tuple[Calibration, float]:
-    """Return a calibration with what presses show besides, and the scatter of directions about the line [rad].
+    """Return a calibration with the view and errors that presses show, and the scatter of directions [rad].
 
     All images, also of the untouched gel, are as the camera gives them, in the profile's size. Raises FileError if
     presses are too few, too close together, show no touch or lie on no line. Presses in order need a round gel.
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
-    is_measured = bool(np.isfinite(presses.angle).all())
-    if not is_measured and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
+    has_angles = bool(np.isfinite(presses.angle).all())
+    if not has_angles and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
-    # The likeliest view, by however little: presses tell only left from right for sure, but a simpler view that was
-    # nearly as likely would make errors a tenth larger. A model reads exchanged channels as well.
-    fits = [_fit(view, presses, calibration, sensor, model) for view in VIEWS[:4]]
-    log_likelihood, found, angle, scatter = max(fits, key=lambda fit: fit[0])
-    side = found.view.keeps_left_and_right
-    exchanged = max(fit[0] for fit in fits if fit[1].view.keeps_left_and_right != side)
+    # The likeliest view is taken, by however little: presses only tell left from right for sure, but preferring a
+    # simpler view that was nearly as likely would make errors a tenth larger. Orders of channels are not tried, as a
+    # model reads exchanged channels as well.
+    fits = [_fit_in_view(view, presses, calibration, sensor, model) for view in VIEWS[:4]]
+    best = max(fits, key=lambda fit: fit.log_likelihood)
+    _check_touched(presses, replace(best.calibration, direction=calibration.direction), sensor)
+    if best.log_likelihood == -math.inf:
+        raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
+    if not has_angles:
+        check_spread(best.angle)
+    _check_scatter(best, presses)
+    wrong = mismatch(best.calibration, sensor)
+    if wrong:
+        raise FileError(wrong)
+    side = best.calibration.view.keeps_left_and_right
+    exchanged = max(fit.log_likelihood for fit in fits if fit.calibration.view.keeps_left_and_right != side)
+    if best.log_likelihood - exchanged < LEFT_OR_RIGHT:
+        within = f"found presses within {np.degrees(np.ptp(best.angle)):.1f} degrees"
+        raise FileError(f"{within}, less than noise can tell left from right by; add some farther apart")
+    return best.calibration, best.scatter
+
+
+def _check_touched(presses: Presses, calibration: Calibration, sensor: SensorProfile) -> None:
+    """Raise FileError if the image of a press shows no touch."""
     for name, image in zip(presses.names, presses.images, strict=True):
         with in_file(name):
-            detector = ContactDetector(sensor, replace(found, direction=calibration.direction))
+            detector = ContactDetector(sensor, calibration)
             if not detector.update(detector.read(image)):
                 raise FileError("shows no touch against the untouched gel; does that show one?")
-    if log_likelihood == -math.inf:
-        raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
-    if not is_measured:
-        check_spread(angle)
-    given = f"the given {'places in mm' if presses.are_relative else 'angles in degrees'}"
-    over, worst = (given, WORST) if is_measured else ("the places of the imprints", 2.0 * WORST)
-    if scatter > worst:
-        raise FileError(
-            f"what the presses show lies {np.degrees(scatter):.1f} degrees about a line over {over}, which make "
-            f"{np.degrees(np.ptp(angle)):.2g} degrees in all; allowed are {np.degrees(worst):.0f}: are they right, and "
-            "is the untouched gel of this unit, and untouched?"
-        )
-    if wrong := mismatch(found, sensor):
-        raise FileError(wrong)
-    if log_likelihood - exchanged < LEFT_OR_RIGHT:
-        within = f"found presses within {np.degrees(np.ptp(angle)):.1f} degrees"
-        raise FileError(f"{within}, less than noise can tell left from right by; add some farther apart")
-    return found, scatter
 
 
-def _fit(
-    view: CameraView, presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
-) -> tuple[float, Calibration, Array, float]:
-    """Return log likelihood, calibration, angle of each press [rad] and scatter about the line [rad] in a view."""
-    gel, is_measured = calibration.background, np.isfinite(presses.angle).all()
-    gel = Background(view.of(gel.mean), view.of(gel.noise))
-    calibration = replace(calibration, background=gel, view=view, is_view_known=True)
-    unit, mean = calibrated(sensor, calibration), reduced(gel.mean)
-    seen = [difference_in_light(view.of(image), mean) for image in presses.images]
-    measured, variance = np.array([model.read(each)["direction"] for each in seen]).T
-    measured *= angle_factor(model, unit)
-    angle = presses.angle if is_measured else np.array([imprint_angle(each, unit) for each in seen])
-    of_offset = 1.0 if presses.are_relative else _OFFSET  # [rad]
-    of_scale = math.hypot(_SCALE, unit.pixel_pitch_sigma)
-    variance = variance * model.settings.spread["direction"].scale + (_TRUTH if is_measured else _IMPRINT) ** 2
-    # measured = offset + scale true, with priors on both as two more rows.
-    weight = 1.0 / np.sqrt(np.append(variance, (of_offset**2, of_scale**2)))
-    design = np.stack([np.append(np.ones_like(angle), (1.0, 0.0)), np.append(angle, (0.0, 1.0))], axis=1)
-    rows, wanted = weight[:, None] * design, weight * np.append(measured, (0.0, 1.0))
-    offset, scale = np.linalg.lstsq(rows, wanted, rcond=None)[0]
-    off = wanted - rows @ (offset, scale)
-    log_likelihood = -0.5 * float(off @ off + np.log(variance).sum())
-    scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * angle))))
-    correction = calibration.direction
-    if is_measured:
-        inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
-        sigmas = np.sqrt(np.diagonal(np.linalg.inv(rows.T @ rows))) * inflation
-        start = (0.0, None) if presses.are_relative else (float(offset), float(sigmas[0]))
-        correction = DirectionCorrection(start[0], float(scale), start[1], math.hypot(sigmas[1], _OTHER_OBJECTS))
+def _check_scatter(fit: _ViewFit, presses: Presses) -> None:
+    """Raise FileError if measured directions scatter too far about the line over the angles of the presses."""
+    if not np.isfinite(presses.angle).all():
+        over = "the places of the imprints"
+        worst = 2.0 * WORST
     else:
-        ranks = np.argsort(np.argsort(angle))
-        if not np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _IN_ORDER:
+        over = "the given places in mm" if presses.are_relative else "the given angles in degrees"
+        worst = WORST
+    if fit.scatter > worst:
+        raise FileError(
+            f"what the presses show lies {np.degrees(fit.scatter):.1f} degrees about a line over {over}, which make "
+            f"{np.degrees(np.ptp(fit.angle)):.2g} degrees in all; allowed are {np.degrees(worst):.0f}: are they right, "
+            "and is the untouched gel of this unit, and untouched?"
+        )
+
+
+def _fit_in_view(
+    view: CameraView, presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
+) -> _ViewFit:
+    """Fit a line through the directions that a model measures in a view, over the angles of the presses."""
+    has_angles = bool(np.isfinite(presses.angle).all())
+    gel = Background(view.of(calibration.background.mean), view.of(calibration.background.noise))
+    calibration = replace(calibration, background=gel, view=view, is_view_known=True)
+    unit = calibrated(sensor, calibration)
+    mean = reduced(gel.mean)
+    differences = [difference_in_light(view.of(image), mean) for image in presses.images]
+    readings = np.array([model.read(difference)["direction"] for difference in differences])
+    measured = readings[:, 0] * angle_factor(model, unit)
+    variance = readings[:, 1] * model.settings.spread["direction"].scale
+    if has_angles:
+        angle = presses.angle
+        variance = variance + _GIVEN_ANGLE_SIGMA**2
+    else:
+        angle = np.array([imprint_angle(difference, unit) for difference in differences])
+        variance = variance + _IMPRINT_ANGLE_SIGMA**2
+    offset_sigma = 1.0 if presses.are_relative else _OFFSET_SIGMA  # [rad]
+    scale_sigma = math.hypot(_SCALE_SIGMA, unit.pixel_pitch_sigma)
+    (offset, scale), sigmas, log_likelihood = _fitted_line(angle, measured, variance, (offset_sigma, scale_sigma))
+    scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * angle))))
+    if not has_angles:
+        if not _are_in_order(angle):
             log_likelihood = -math.inf
-    return log_likelihood, replace(calibration, direction=correction), angle, scatter
+        return _ViewFit(log_likelihood, calibration, angle, scatter)
+    inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
+    correction = DirectionCorrection(
+        offset=0.0 if presses.are_relative else float(offset),
+        scale=float(scale),
+        offset_sigma=None if presses.are_relative else float(sigmas[0] * inflation),
+        scale_sigma=math.hypot(sigmas[1] * inflation, _OTHER_OBJECTS_SIGMA),
+    )
+    return _ViewFit(log_likelihood, replace(calibration, direction=correction), angle, scatter)
 
 
-def imprint_angle(seen: Difference, sensor: SensorProfile) -> float:
+def _fitted_line(
+    angle: Array, measured: Array, variance: Array, prior_sigmas: tuple[float, float]
+) -> tuple[Array, Array, float]:
+    """Fit measured = offset + scale * angle by weighted least squares, with priors of offset 0 and scale 1.
+
+    Returns offset [rad] and scale, their standard deviations, and the log likelihood.
+    """
+    # The priors are two more rows.
+    weight = 1.0 / np.sqrt(np.append(variance, np.square(prior_sigmas)))
+    design = np.stack([np.append(np.ones_like(angle), (1.0, 0.0)), np.append(angle, (0.0, 1.0))], axis=1)
+    rows = weight[:, None] * design
+    wanted = weight * np.append(measured, (0.0, 1.0))
+    line: Array = np.linalg.lstsq(rows, wanted, rcond=None)[0].astype(np.float64)
+    sigmas = np.sqrt(np.diagonal(np.linalg.inv(rows.T @ rows)))
+    residual = wanted - rows @ line
+    log_likelihood = -0.5 * float(residual @ residual + np.log(variance).sum())
+    return line, sigmas, log_likelihood
+
+
+def _are_in_order(angle: Array) -> bool:
+    """Return true if angles (N,) [rad] of imprints rise from the first press to the last, by and large."""
+    ranks = np.argsort(np.argsort(angle))
+    return bool(np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _LEAST_RANK_CORRELATION)
+
+
+def imprint_angle(difference: Difference, sensor: SensorProfile) -> float:
     """Return the angle on the tip [rad] of the middle of an imprint, whatever its colours; NaN if there is none."""
     assert sensor.half_width
-    strength = np.square(np.abs(seen).sum(axis=2)).sum(axis=0)
+    strength = np.square(np.abs(difference).sum(axis=2)).sum(axis=0)
     if not strength.any():
         return math.nan
     column = (2.0 * np.arange(COLUMNS) + 1.0) / COLUMNS - 1.0

@@ -1,8 +1,8 @@
 """Touch model: a folder with an ONNX network and a JSON of settings; opening one runs no code.
 
-The network `touch.onnx` takes a difference from the untouched gel (1, 3, 32, 128) and gives direction (1, 2) and turn
-(1, 2), each mean [rad] and log variance, and corner (1, 4), these two, slope and log odds. That of a flat gel gives
-place (1, 2) [cm] in place of the corner, one trained on presses the direction alone.
+The network `touch.onnx` takes a difference from the untouched gel (1, 3, 32, 128). Its outputs are direction (1, 2) and
+turn (1, 2), each a mean [rad] and a log variance, and corner (1, 4): mean, log variance, slope and log odds. A network
+of a flat gel has place (1, 2) [cm] in place of the corner; one trained on presses has the direction alone.
 """
 
 import hashlib
@@ -26,22 +26,30 @@ from palpate.types.sensor import known_sensor
 
 Difference = NDArray[np.float32]
 Reading = dict[str, tuple[float, ...]]
-"""Mean and variance of each output of a model for one image: direction, the angle of the contact on the tip [rad],
-[rad^2]; turn, the yaw of the sensor up to an offset of the contact [rad]; place along y of a flat pad [m]; corner, see
-`measurements.ContactCorner`, with its slope, and the log odds of a corner."""
+"""Mean and variance of each output of a model for one image.
 
-FORMAT, VERSION, NETWORK = "palpate-touch-model", 3, "touch.onnx"
-ROWS, COLUMNS = 32, 128
-"""Size of a difference. Imprints of upright objects stand along the rows, and their yaw shows across the columns, down
-to the shading beside a corner's line of a millimetre: so columns are finer."""
+- direction: angle of the contact on the tip [rad], [rad^2].
+- turn: yaw of the sensor, up to an offset of the contact [rad], [rad^2].
+- place: place along y of a flat pad [m], [m^2].
+- corner: angle at a corner and its variance, see `measurements.ContactCorner`, then its slope and the log odds that
+  there is a corner.
+"""
+
+FORMAT = "palpate-touch-model"
+VERSION = 3
+NETWORK = "touch.onnx"
+ROWS = 32
+COLUMNS = 128
+"""Size of a difference, with ROWS. Columns are finer, as yaw shows across them: imprints of upright objects stand along
+the rows, and the shading beside the line of a corner is a millimetre wide."""
 LEVELS = 32.0  # grey levels that are 1 in a difference, about as much as a firm contact adds
 LEAST_CORNER_LOG_ODDS = 2.0
 """Log odds of a corner from which its angle is a measurement."""
 
 OUTPUTS = (("direction", "turn", "corner"), ("direction", "turn", "place"), ("direction",))
-"""Outputs of a model of a round tip, of a flat gel, and of one trained on presses."""
+"""Outputs of a model of a round tip, of a model of a flat gel, and of one trained on presses."""
 SIZES = {"corner": 4}
-"""Numbers of an output that has more than mean and log variance."""
+"""Count of numbers of each output that has more than mean and log variance."""
 _DATA = Path(__file__).resolve().parents[1] / "data"
 SHIPPED_OF = {"DIGIT": _DATA / "digit", "GelSight Mini": _DATA / "gelsight_mini"}
 """Folders of the models that come with palpate, by the name of the sensor profile."""
@@ -56,22 +64,23 @@ def reduced(image: NDArray[np.uint8] | Difference) -> Difference:
 def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
     """Return the difference (ROWS, COLUMNS, 3) of an image (height, width, 3) from the background's reduced mean.
 
-    The background is taken in the light of the image, which may have changed and is found in ROWS x ROWS of them.
+    The background is taken in the light of the image, which may have changed; it is fitted to ROWS x ROWS means.
     """
     return change_in_light(reduced(image), reduced_mean, ROWS) / np.float32(LEVELS)
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Corrections of predicted variances, measured on units that were not trained on.
+    """Corrections of predicted variances, measured on units that the model was not trained on.
 
-    For a model trained on presses: on other presses of the same unit, with `together` as for the DIGIT's model.
+    For a model trained on presses they are measured on other presses of the same unit, and `together` is that of the
+    DIGIT's model.
     """
 
     scale: float
-    """Factor that makes predicted variances right for one image."""
+    """Factor that makes the predicted variance of one image right."""
     together: float
-    """Number of frames in a row with the same error: so many measurements are worth one."""
+    """Number of frames in a row that have the same error, so that their measurements are worth one."""
 
     @property
     def factor(self) -> float:
@@ -90,7 +99,7 @@ class ModelSettings:
     image_width: int
     """Columns of its images [px]."""
     spread: Mapping[str, Spread]
-    """For each output, one of OUTPUTS."""
+    """Corrections of the variances of each output; the outputs are one row of OUTPUTS."""
     training: Mapping[str, Any]
     """Data, seed and settings of the training, for people."""
 
@@ -102,24 +111,20 @@ class TouchModel:
     """
 
     def __init__(self, folder: Path | str) -> None:
-        self.folder = folder = Path(folder)
-        if not folder.is_dir():
-            with suppress(SettingError, KeyError):
-                self.folder = folder = SHIPPED_OF[known_sensor(str(folder)).name]
-        if not folder.is_dir():
-            raise FileError(f"{folder}: no such folder; a touch model is a folder with model.json in it")
-        path = folder / "model.json"
+        self.folder = _model_folder(Path(folder))
+        path = self.folder / "model.json"
         written = read_json(path)
         for name, expected in (("format", FORMAT), ("version", VERSION)):
-            if (found := written.get(name)) != expected:
-                raise FileError(f"{path}: {name} is {found!r}, expected {expected!r}; train the model anew")
-        self.network = existing_file(folder / NETWORK).read_bytes()
+            if written.get(name) != expected:
+                raise FileError(f"{path}: {name} is {written.get(name)!r}, expected {expected!r}; train the model anew")
+        self.network = existing_file(self.folder / NETWORK).read_bytes()
         # A tensor in another file has its name under this key; ONNX Runtime would open that file.
         if b"location" in self.network:
-            raise FileError(f"{folder / NETWORK}: keeps its numbers in another file, which is not opened")
+            raise FileError(f"{self.folder / NETWORK}: keeps its numbers in another file, which is not opened")
         self.hash = fingerprint(written.get("settings"), self.network)
-        if self.hash != (stated := written.get("hash")):
-            raise FileError(f"{folder}: hash is {self.hash[:12]}, model.json says {str(stated)[:12]}: altered")
+        stated = written.get("hash")
+        if self.hash != stated:
+            raise FileError(f"{self.folder}: hash is {self.hash[:12]}, model.json says {str(stated)[:12]}: altered")
         self.settings = _settings(path, written["settings"])
         self._session: Any = None
 
@@ -135,23 +140,35 @@ class TouchModel:
     def read(self, difference: Difference) -> Reading:
         """Return the reading of a difference (ROWS, COLUMNS, 3); opens the network at the first call."""
         batch = np.ascontiguousarray(difference.transpose(2, 0, 1)[None])
-        outputs = list(self.settings.spread)
+        names = list(self.settings.spread)
         try:
             if self._session is None:
                 self._session = session(self.network)
-                given = {each.name: each.shape[-1] for each in self._session.get_outputs()}
-                if given != (expected := {name: SIZES.get(name, 2) for name in outputs}):
-                    raise ValueError(f"gives {given}, expected {expected}")
-            values = self._session.run(outputs, {"difference": batch})
-            numbers = [row for (row,) in map(np.ndarray.tolist, values)]
+                sizes = {output.name: output.shape[-1] for output in self._session.get_outputs()}
+                expected = {name: SIZES.get(name, 2) for name in names}
+                if sizes != expected:
+                    raise ValueError(f"gives {sizes}, expected {expected}")
+            outputs = self._session.run(names, {"difference": batch})
+            rows = [row for (row,) in map(np.ndarray.tolist, outputs)]
         except Exception as error:  # a damaged network raises many kinds
             raise FileError(f"{self.folder / NETWORK}: is no network that can be run ({one_line(error)})") from error
-        found: Reading = {}
-        for name, (mean, log_variance, *more) in zip(outputs, numbers, strict=True):
-            unit = 1e-2 if name == "place" else 1.0  # [m] of what the network has in cm
-            variance = float(np.exp(min(log_variance, 700.0)))  # a foreign one may give any
-            found[name] = unit * mean, unit**2 * variance, *more
-        return found
+        reading: Reading = {}
+        for name, (mean, log_variance, *more) in zip(names, rows, strict=True):
+            unit = 1e-2 if name == "place" else 1.0  # [m], as the network gives places in cm
+            variance = float(np.exp(min(log_variance, 700.0)))  # the log variance of a foreign network may be anything
+            reading[name] = (unit * mean, unit**2 * variance, *more)
+        return reading
+
+
+def _model_folder(folder: Path) -> Path:
+    """Return the folder, or that of the model of a sensor if it is the sensor's name. Raises FileError."""
+    if folder.is_dir():
+        return folder
+    with suppress(SettingError, KeyError):
+        folder = SHIPPED_OF[known_sensor(str(folder)).name]
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder; a touch model is a folder with model.json in it")
+    return folder
 
 
 @cache
@@ -186,15 +203,17 @@ def session(network: bytes) -> Any:
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3  # errors; a constant that cannot be folded is none
-    options.intra_op_num_threads = options.inter_op_num_threads = 1  # one image gains nothing from more
+    options.intra_op_num_threads = 1  # one image gains nothing from more threads
+    options.inter_op_num_threads = 1
     return onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
 
 
 def _settings(path: Path, plain: Mapping[str, Any]) -> ModelSettings:
+    """Return the settings in the content of a model.json. Raises FileError, which names its path."""
     try:
         spread = {name: Spread(**value) for name, value in plain["spread"].items()}
         settings = ModelSettings(**{**plain, "spread": spread})
-        numbers = settings.image_height, settings.image_width, *chain(*map(astuple, spread.values()))
+        numbers = (settings.image_height, settings.image_width, *chain(*map(astuple, spread.values())))
         in_range = all(0.0 < number < FARTHEST for number in numbers)
         if set(spread) not in map(set, OUTPUTS) or not in_range or not isinstance(settings.sensor, str):
             raise TypeError("sensor is no name, or spread or image size no set of numbers above 0")

@@ -1,6 +1,6 @@
-"""Choices of which the command line makes options as they are; nothing heavy is imported, so `--help` stays fast.
+"""Groups of choices that the command line offers as options; nothing heavy is imported, so `--help` stays fast.
 
-Whoever uses their values checks them.
+Values are checked where they are used.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class TrackerChoices:
 
 @dataclass(frozen=True)
 class Placement:
-    """How images and poses of a robot become those of a sensor in a plane; of bags, arrays and live sessions alike."""
+    """Steps that make images and poses of a robot those of a sensor in a plane, for bags, arrays and live sessions."""
 
     orientation: str = ""
     """Steps to make images upright: 90, 180, 270 (degrees counter-clockwise), mirrored, bgr; or upright alone."""

@@ -23,17 +23,17 @@ class CameraView:
     """Steps that turn a camera's images, rotated, mirrored or with exchanged channels, into those of the profile."""
 
     quarter_turns: int = 0
-    """Rotation, done first, in counter-clockwise quarter turns, 0 to 3."""
+    """Counter-clockwise quarter turns, done first, 0 to 3."""
     mirrored: bool = False
-    """Exchange left and right, done second."""
+    """True if left and right are exchanged, which is done second."""
     channels: tuple[int, int, int] = (0, 1, 2)
     """The camera's channels that are red, green and blue."""
     is_stated: bool = field(default=False, compare=False)
-    """Words said how images lie, and not only the order of their channels."""
+    """True if the user has said how images lie, and not only the order of their channels."""
 
     @property
     def keeps_left_and_right(self) -> bool:
-        """The right side of a camera's image is the right side of the profile's."""
+        """True if the right side of a camera's image is the right side of the profile's."""
         return (self.quarter_turns, self.mirrored) in ((0, False), (2, True))
 
     def of(self, image: NDArray[Level]) -> NDArray[Level]:
@@ -41,13 +41,20 @@ class CameraView:
         if self == AS_IT_IS:
             return image
         turned = np.rot90(image, self.quarter_turns)
-        return np.ascontiguousarray((turned[:, ::-1] if self.mirrored else turned)[..., self.channels])
+        if self.mirrored:
+            turned = turned[:, ::-1]
+        return np.ascontiguousarray(turned[..., self.channels])
 
     def __str__(self) -> str:
-        turned = f"turned by {90 * self.quarter_turns} degrees" if self.quarter_turns else ""
         order = "".join("RGB"[channel] for channel in self.channels)
-        channels = "" if order == "RGB" else f"channels {order}"
-        return ", ".join(filter(None, (turned, "mirrored" * self.mirrored, channels))) or "as they come"
+        steps = []
+        if self.quarter_turns:
+            steps.append(f"turned by {90 * self.quarter_turns} degrees")
+        if self.mirrored:
+            steps.append("mirrored")
+        if order != "RGB":
+            steps.append(f"channels {order}")
+        return ", ".join(steps) or "as they come"
 
 
 AS_IT_IS = CameraView()
@@ -73,8 +80,12 @@ def camera_view(orientation: str) -> CameraView:
 
 
 def codec_of(data: bytes) -> Codec | None:
-    """Return the codec of encoded bytes by the first of them; None for neither JPEG nor PNG."""
-    return "png" if data.startswith(b"\x89PNG\r\n\x1a\n") else "jpeg" if data.startswith(b"\xff\xd8\xff") else None
+    """Return the codec of encoded bytes, which their first bytes tell; None for neither JPEG nor PNG."""
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return "png"
+    if data.startswith(b"\xff\xd8\xff"):
+        return "jpeg"
+    return None
 
 
 def checked_pixels(image: NDArray[Any]) -> Image:
@@ -97,7 +108,7 @@ def encode_image(image: Image, codec: Codec = "jpeg") -> bytes:
 
 
 def decode_image(data: bytes, size: tuple[int, int] | None = None) -> Image:
-    """Return the RGB image that a PNG or JPEG holds, `fitted` to a size if one is given. Raises FileError.
+    """Return the RGB image in the bytes of a PNG or JPEG, `fitted` to a size if one is given. Raises FileError.
 
     A turn in the EXIF data is ignored: viewers and phones write it, cameras of touch sensors do not.
     """
@@ -105,7 +116,7 @@ def decode_image(data: bytes, size: tuple[int, int] | None = None) -> Image:
 
     try:
         image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
-        if image.mode.startswith(("I", "F")):  # which Pillow would cut off at 255
+        if image.mode.startswith(("I", "F")):  # Pillow would cut off their levels at 255
             raise FileError("is grey in 16 bits, expected 8 bits and colours")
         pixels = np.array(image.convert("RGB"))
     except Image.DecompressionBombError as error:
@@ -116,36 +127,47 @@ def decode_image(data: bytes, size: tuple[int, int] | None = None) -> Image:
 
 
 def scaled(image: Image, size: tuple[int, int]) -> Image:
-    """Return an image scaled down where it is a multiple of a size (rows, columns), upright or turned by a quarter."""
+    """Return an image scaled down if it is a multiple of a size (rows, columns), upright or turned by a quarter.
+
+    Any other image is returned as it is.
+    """
     import cv2
 
-    rows, columns = size if (image.shape[0] > image.shape[1]) == (size[0] > size[1]) else size[::-1]
+    rows, columns = size
+    if (image.shape[0] > image.shape[1]) != (size[0] > size[1]):  # it lies on its side
+        columns, rows = size
     scale = image.shape[0] // rows
     if scale > 1 and image.shape[:2] == (scale * rows, scale * columns):
-        image = np.asarray(cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
+        return np.asarray(cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
     return image
 
 
 def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> Image:
-    """Return an image in a view and of a size (rows, columns), scaled if it is a multiple of it; else FileError."""
+    """Return an image in a view, scaled down if it is a multiple of a size (rows, columns).
+
+    Raises FileError if it is of another size.
+    """
     if not size[0]:
         raise FileError("is an image, and the sensor has none: is it another?")
-    found = scaled(view.of(image), size)
-    if found.shape[:2] == size:
-        return found
-    question = "crop and scale them to it"
-    if found.shape[:2] == size[::-1] and view.quarter_turns % 2:
-        question = f"they lie upright before they are turned by {90 * view.quarter_turns} degrees"
-    elif found.shape[:2] == size[::-1]:
-        question = (
+    viewed = scaled(view.of(image), size)
+    if viewed.shape[:2] == size:
+        return viewed
+    advice = "crop and scale them to it"
+    if viewed.shape[:2] == size[::-1] and view.quarter_turns % 2:
+        advice = f"they lie upright before they are turned by {90 * view.quarter_turns} degrees"
+    elif viewed.shape[:2] == size[::-1]:
+        advice = (
             "they are of another --sensor, or lie on their side: orientation='90' (--orientation 90) turns them as "
             "digit-interface does, 270 the other way, and scales multiples"
         )
-    raise FileError(f"found {image.shape[0]} rows and {image.shape[1]} columns, the sensor has {size}: {question}")
+    raise FileError(f"found {image.shape[0]} rows and {image.shape[1]} columns, the sensor has {size}: {advice}")
 
 
 def turned_image(data: bytes, size: tuple[int, int], view: CameraView) -> bytes:
-    """Return the bytes of an image in a view; those that are damaged stay. Raises FileError on another size."""
+    """Return an encoded image turned into a view; damaged bytes are returned as they are.
+
+    Raises FileError if it is of another size (rows, columns).
+    """
     if view == AS_IT_IS:
         return data
     try:

@@ -26,12 +26,14 @@ class TouchMeasurement(Measurement):
 
     def __post_init__(self) -> None:
         for name, given in tuple(vars(self).items()):
-            value, found = finite_number(given), f"{type(self).__name__} has {name} {given!r}"
+            value = finite_number(given)
+            stated = f"{type(self).__name__} has {name} {given!r}"
             if value is None or (name == "variance" and not value > 0.0):
-                raise EstimationError(f"{found}; its numbers must be finite, the variance above 0")
-            if abs(value) > {"angle": TURNS, "place": 1.0}.get(name, math.inf):
-                unit = ("radians, up to two turns", "degrees") if name == "angle" else ("metres", "millimetres")
-                raise EstimationError(f"{found}; it must be in {unit[0]}: are these {unit[1]}?")
+                raise EstimationError(f"{stated}; its numbers must be finite, the variance above 0")
+            if name == "angle" and abs(value) > TURNS:
+                raise EstimationError(f"{stated}; it must be in radians, up to two turns: are these degrees?")
+            if name == "place" and abs(value) > 1.0:
+                raise EstimationError(f"{stated}; it must be in metres: are these millimetres?")
             object.__setattr__(self, name, value)
 
 
@@ -43,7 +45,8 @@ class ContactDirection(TouchMeasurement):
     """
 
     angle: float
-    """Seen from the tip's centre of curvature in the sensor frame [rad]: 0 at the apex (+x), positive towards +y."""
+    """Angle of the contact about the tip's centre of curvature in the sensor frame [rad]: 0 at the apex (+x), positive
+    towards +y."""
     variance: float
     """[rad^2]"""
 
@@ -63,25 +66,26 @@ class Turn(TouchMeasurement):
     """Yaw of the sensor in the object frame, up to an offset that is unknown and the same for the whole contact."""
 
     angle: float
-    """That yaw less the offset [rad]."""
+    """The yaw less the offset [rad]."""
     variance: float
     """[rad^2]"""
 
 
 @dataclass(frozen=True)
 class ContactCorner(TouchMeasurement):
-    """Angle of the contact's inward normal off the inward bisector of the corner that is touched.
+    """Angle from the inward bisector of the corner that is touched to the contact's inward normal.
 
-    It says where in the corner's cone of normals the contact is: with the contact direction, the yaw at a corner.
+    It says where in the corner's cone of normals the contact is. Together with the contact direction it determines the
+    yaw at a corner.
     """
 
     angle: float
     """Angle at a right-angled corner [rad], counter-clockwise; all angles of one contact may have a common error."""
     variance: float
-    """[rad^2], without that error"""
+    """[rad^2], without the common error"""
     slope: float = 0.0
-    """Change of the angle with half the angle between the normals of the corner's sides: a side that is touched beside
-    a corner has 1 or -1."""
+    """Change of the angle with half the angle between the normals of the corner's sides; 1 or -1 where one of the sides
+    is touched beside the corner."""
 
 
 @dataclass(frozen=True)
@@ -97,25 +101,29 @@ class ObjectPose(Measurement):
 
     def __post_init__(self) -> None:
         check_time("ObjectPose", self.time)
-        pose, covariance = finite_numbers(self.pose, (3,)), finite_numbers(self.covariance, (3, 3))
+        pose = finite_numbers(self.pose, (3,))
         if pose is None or abs(pose[2]) > TURNS:
             question = "" if pose is None else " up to two turns: are these degrees?"
-            found, allowed = f"is {self.pose}", f"three finite numbers x [m], y [m], theta [rad]{question}"
-        elif covariance is None or not (  # with a tolerance for one of metres, which is small as a whole
-            np.allclose(covariance, covariance.T, atol=1e-6 * np.abs(np.diag(covariance)).min())
-            and (np.linalg.eigvalsh(covariance) > 1e-18).all()
-        ):
-            found = f"has covariance {self.covariance}"
+            allowed = f"three finite numbers x [m], y [m], theta [rad]{question}"
+            raise EstimationError(f"object pose is {' '.join(str(self.pose).split())}; it must be {allowed}")
+        covariance = finite_numbers(self.covariance, (3, 3))
+        if covariance is None or not _is_covariance(covariance):
             allowed = "a symmetric and positive definite (3, 3), deviations above 1 nm"
-        else:
-            object.__setattr__(self, "pose", pose)
-            object.__setattr__(self, "covariance", covariance)
-            return
-        raise EstimationError(f"object pose {' '.join(found.split())}; it must be {allowed}")
+            stated = " ".join(str(self.covariance).split())
+            raise EstimationError(f"object pose has covariance {stated}; it must be {allowed}")
+        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "covariance", covariance)
+
+
+def _is_covariance(matrix: Array) -> bool:
+    """Return true if a matrix (3, 3) is symmetric and positive definite."""
+    # A covariance in m^2 has small numbers, so the tolerance is relative to the smallest variance.
+    tolerance = 1e-6 * np.abs(np.diag(matrix)).min()
+    return bool(np.allclose(matrix, matrix.T, atol=tolerance) and (np.linalg.eigvalsh(matrix) > 1e-18).all())
 
 
 class OwnMeasurement(Measurement):
-    """Base of a measurement with its own residual: derive from it to measure what palpate has no factor for."""
+    """Base of measurements with residuals of their own: derive from it for a sensor that palpate has no factor for."""
 
     on: ClassVar[tuple[str, ...]]
     """Names of the unknowns that it depends on: "object_pose", "sensor", or others of
@@ -124,17 +132,17 @@ class OwnMeasurement(Measurement):
     """Time of the measurement [s], at most a window before its frame; None for the frame's own time."""
 
     residual: Callable[..., ArrayLike]
-    """Your method that takes the values of these unknowns, in this order, and returns the residual (R,), divided by the
-    standard deviation of each row; R is at most 6. A pose is (x [m], y [m], theta [rad]).
+    """Your method that takes the values of the unknowns `on`, in their order, and returns the residual (R,), each
+    number divided by its standard deviation; R is at most 6. A pose is (x [m], y [m], theta [rad]).
 
-    Its derivative is taken by finite differences. A measurement whose method raises or returns something else is named
-    in a warning and left out.
+    Its derivative is taken by finite differences. If the method raises or returns something else, a warning names the
+    measurement, which is left out.
     """
     linearise: Callable[..., tuple[ArrayLike, ArrayLike]]
-    """Your method in place of `residual`, if speed counts, that returns the Jacobian (R, C) as well.
+    """Your method in place of `residual`, if speed counts, that returns the residual and its Jacobian (R, C).
 
     A pose has three columns, for right (body-frame) perturbations x, y, theta; see `palpate.geometry.se2`. When a
-    tracker first gets a measurement of a class, its Jacobian is compared with finite differences. If it differs, a
+    tracker gets the first measurement of a class, it compares the Jacobian with finite differences. If they differ, a
     warning names the class, and its measurements are left out.
     """
 
@@ -147,7 +155,7 @@ class Frame:
     """[s]"""
     sensor_pose: Array
     """world_T_sensor, (3,) [m, m, rad]; or in space, (7,) with a quaternion x, y, z, w, or (4, 4). `palpate.gel_pose`
-    makes one of the pose of a flange."""
+    computes it from the pose of a flange."""
     image: Image | None = None
     """Touch image, (height, width, 3), RGB."""
     contact: bool | None = None
@@ -158,17 +166,17 @@ class Frame:
     """Measurements of this instant by other sources than touch, such as a camera's ObjectPose."""
 
 
-def check_time(what: str, time: object) -> None:
-    """Raise EstimationError unless a measurement's time is a number [s] or None."""
+def check_time(kind: str, time: object) -> None:
+    """Raise EstimationError unless the time of a measurement, of a kind to be named, is a number [s] or None."""
     if time is not None and (not isinstance(time, Real) or isinstance(time, bool)):
-        raise EstimationError(f"measurement {what} is of time {time!r}; it must be a number [s], or None")
+        raise EstimationError(f"measurement {kind} is of time {time!r}; it must be a number [s], or None")
 
 
 def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
-    """Return a copy of finite numbers as an array of this shape, or None if they are not that."""
+    """Return a copy of a value as an array of a shape, or None if it is not finite numbers of that shape."""
     try:
         array = given if type(given) is np.ndarray else as_array("numbers", given)
-        if array.dtype.kind in "SU":  # NumPy would read the numbers that a text writes out
+        if array.dtype.kind in "SU":  # NumPy would convert texts of digits
             return None
         numbers = np.array(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError, FileError):
@@ -177,9 +185,10 @@ def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
 
 
 def finite_number(given: object) -> float | None:
-    """Return a finite number, alone or in an array (1,); None if it is none."""
+    """Return a finite number, alone or in an array (1,); None for anything else."""
     if isinstance(given, float):
         return float(given) if math.isfinite(given) else None
     numbers = finite_numbers(given, ())
-    numbers = finite_numbers(given, (1,)) if numbers is None else numbers
+    if numbers is None:
+        numbers = finite_numbers(given, (1,))
     return None if numbers is None else numbers.item()

@@ -66,25 +66,29 @@ class SensorProfile:
                 raise SettingError(f"sensor {self.name!r} has {name} {reprlib.repr(given)}; it must be {wanted}")
             object.__setattr__(self, name, value)
         if self.half_width is not None and self.half_width < 0.5 * self.flat_width:
-            found = f"sensor {self.name!r} has half_width {self.half_width!r} and flat_width {self.flat_width!r}"
-            raise SettingError(f"{found}; the pad must be as wide as the flat part of its tip, or wider")
+            raise SettingError(
+                f"sensor {self.name!r} has half_width {self.half_width!r} and flat_width {self.flat_width!r}; the pad "
+                "must be as wide as the flat part of its tip, or wider"
+            )
         if self.pixel_pitch is None and self.half_width is not None and self.image_width:
             object.__setattr__(self, "pixel_pitch", 2.0 * self.half_width / self.image_width)
         if (self.image_height == 0) != (self.image_width == 0):
-            found = f"{self.image_height} rows and {self.image_width} columns"
-            raise SettingError(f"sensor {self.name!r} has images of {found}; both must be 0 or both above 0")
+            size = f"{self.image_height} rows and {self.image_width} columns"
+            raise SettingError(f"sensor {self.name!r} has images of {size}; both must be 0 or both above 0")
         try:
             tips = tuple((float(x), float(y)) for x, y in self.tips)
         except (TypeError, ValueError, OverflowError):
             tips = ()
         if not tips or not (np.abs(tips) <= FARTHEST).all():
-            found = f"sensor {self.name!r} has tips {reprlib.repr(self.tips)}"
-            raise SettingError(f"{found}; they must be one or more finite (x, y) pairs [m]")
+            tips_stated = reprlib.repr(self.tips)
+            raise SettingError(
+                f"sensor {self.name!r} has tips {tips_stated}; they must be one or more finite (x, y) pairs [m]"
+            )
         object.__setattr__(self, "tips", tips)
 
     @property
     def shown(self) -> float:
-        """Width of the gel that an image shows, as a share of the pad's; 1 where one of both is unknown."""
+        """Width of the gel that an image shows, as a share of the pad's; 1 if either is unknown."""
         if self.pixel_pitch is None or self.half_width is None or not self.image_width:
             return 1.0
         return self.pixel_pitch * self.image_width / (2.0 * self.half_width)
@@ -96,27 +100,29 @@ class SensorProfile:
 
     @property
     def center(self) -> Array:
-        """Middle of these centres, (2,) [m]."""
+        """Mean of `centers`, (2,) [m]."""
         return self.centers.mean(axis=0)
 
     @property
     def width(self) -> float:
-        """Width along y of a pad's flat part, or of the fingers of a hand side by side [m]; else 0."""
+        """Width along y over which the load may shift: of a pad's flat part and between outer tips [m]; else 0."""
         return self.flat_width + float(np.ptp(self.centers[:, 1]))
 
     @property
     def round_centers(self) -> Array:
         """Centres of curvature of all round parts of all tips in the sensor frame, (tips times n, 2) [m].
 
-        A flat pad is a row of 15 of them; at the Mini's width they are 1.2 mm apart, under which a soft gel is even.
+        A flat pad is a row of 15 round parts. At the Mini's width they are 1.2 mm apart, and a soft gel is even over
+        such a distance.
         """
         y = np.linspace(-0.5, 0.5, 15) * self.flat_width if self.flat_width else np.zeros(1)
-        return (self.centers[:, None] + np.column_stack((np.zeros_like(y), y))).reshape(-1, 2)
+        offsets = np.column_stack((np.zeros_like(y), y))
+        return (self.centers[:, None] + offsets).reshape(-1, 2)
 
     def gaps(self, sensor_pose: Array, object_pose: Array, shape: Shape) -> Array:
         """Return the distance of the sensor's surface from an outline (N,) [m]; negative is overlap.
 
-        From world_T_sensor and world_T_object (N, 3); NaN where the object pose is.
+        Poses are world_T_sensor and world_T_object (N, 3); the gap is NaN where the object pose is.
         """
         gap = np.full(len(sensor_pose), np.nan)
         known = ~np.isnan(object_pose).any(axis=1)
@@ -127,7 +133,7 @@ class SensorProfile:
 
     @property
     def pads(self) -> list[Array]:
-        """Outlines (n, 2) [m] of the tips in the sensor frame, for figures: a pad as deep as wide, or a round tip."""
+        """Outlines (n, 2) [m] of the tips in the sensor frame, for figures: pads as deep as wide, or round tips."""
         if self.half_width is None:
             angle = np.linspace(-np.pi, np.pi, 60)
             back = np.empty((0, 2))
@@ -192,6 +198,7 @@ def known_sensor(sensor: SensorProfile | str) -> SensorProfile:
     if isinstance(sensor, SensorProfile):
         return sensor
     name = re.sub(r"[\W_]+", "-", sensor.lower()) if isinstance(sensor, str) else ""
-    if (name := ALIASES.get(name, name)) not in SENSORS:
+    name = ALIASES.get(name, name)
+    if name not in SENSORS:
         raise SettingError(f"sensor is {sensor!r}; allowed are {', '.join(SENSORS)}, or a SensorProfile")
     return SENSORS[name]

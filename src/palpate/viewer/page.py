@@ -1,4 +1,4 @@
-"""A run as one HTML page that needs no other file and no network: pictures of the push, and a slider over time."""
+"""A run as one HTML page with pictures of the push and a slider over time; it needs no other file and no network."""
 
 import base64
 import io
@@ -48,8 +48,9 @@ def write_page(run: Run, path: Path) -> None:
     """Write the page of a run."""
     from PIL import Image
 
+    frames = np.unique(np.linspace(0, len(run.online) - 1, 150).round().astype(int))
     encoded: list[str] = []
-    for picture in pictures(run, np.unique(np.linspace(0, len(run.online) - 1, 150).round().astype(int)).tolist()):
+    for picture in pictures(run, frames.tolist()):
         data = io.BytesIO()
         Image.fromarray(picture).save(data, "WEBP", quality=60)
         encoded.append(f"data:image/webp;base64,{base64.b64encode(data.getvalue()).decode()}")
@@ -66,9 +67,11 @@ def ambiguity_text(shares: Mapping[Origin, float]) -> str:
 
 
 def table(scores: Mapping[str, Mapping[str, float | None]]) -> str:
-    """Return the scores of innovations as text, a line each factor; 1, 1 and 0 are right."""
-    rows = [("innovations", *next(iter(scores.values()), ()))]
-    rows += [(name, *("-" if one is None else f"{one:.3g}" for one in each.values())) for name, each in scores.items()]
+    """Return the scores of innovations as text, a line for each factor; 1, 1 and 0 are right."""
+    names = next(iter(scores.values()), {})
+    rows = [["innovations", *names]]
+    for factor, numbers in scores.items():
+        rows.append([factor, *("-" if number is None else f"{number:.3g}" for number in numbers.values())])
     return "\n".join("".join(f"{cell:>16}" for cell in row) for row in rows)
 
 
@@ -82,17 +85,19 @@ def origin_lines(answers: Sequence[Answer]) -> list[str]:
 def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
     """Draw a run at some frames, as RGB: the push from above, the touch image, and errors and status over time.
 
-    What stays is drawn once, and what moves is drawn over it.
+    What stays the same is drawn once, and what changes is drawn over it.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = run_figure(run, at_end=False)
-    canvas, (above, *plots) = FigureCanvasAgg(figure), figure.axes
+    canvas = FigureCanvasAgg(figure)
+    above, *plots = figure.axes
     figure.subplots_adjust(right=0.84)
     touch = figure.add_axes((0.85, 0.35, 0.14, 0.4))
-    size = max(run.recording.sensor.image_height, 1), max(run.recording.sensor.image_width, 1)
-    seen = touch.imshow(np.zeros((*size, 3), np.uint8), animated=True)
-    words = touch.set_title(" ", fontsize=11, animated=True)
+    height = max(run.recording.sensor.image_height, 1)
+    width = max(run.recording.sensor.image_width, 1)
+    touch_image = touch.imshow(np.zeros((height, width, 3), np.uint8), animated=True)
+    title = touch.set_title(" ", fontsize=11, animated=True)
     touch.axis("off")
     time = run.online.time - run.online.time[0]
     canvas.draw()
@@ -105,13 +110,15 @@ def pictures(run: Run, frames: list[int]) -> Iterator[NDArray[np.uint8]]:
         moving += above.plot(*millimetres(ellipse), color=ESTIMATE, lw=1.0)
         for answer in run.answers[frame][1:]:
             moving += above.plot(*outline_at(run, answer.pose), color=OTHERS, lw=1.0)
-        moving += [each.axvline(time[frame], color="black", lw=1.0) for each in plots]
-        words.set_text("\n".join((f"{time[frame]:.2f} s", run.online.status[frame], *origin_lines(run.answers[frame]))))
-        shown = [*moving, words]
+        moving += [axes.axvline(time[frame], color="black", lw=1.0) for axes in plots]
+        lines = [f"{time[frame]:.2f} s", run.online.status[frame], *origin_lines(run.answers[frame])]
+        title.set_text("\n".join(lines))
+        shown = [*moving, title]
         with suppress(FileError):  # of a damaged image
-            if (image := run.recording[frame].image) is not None:
-                seen.set_data(image)
-                shown.append(seen)
+            image = run.recording[frame].image
+            if image is not None:
+                touch_image.set_data(image)
+                shown.append(touch_image)
         for artist in shown:
             figure.draw_artist(artist)
         yield np.array(canvas.buffer_rgba())[..., :3]
