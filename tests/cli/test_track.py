@@ -1,5 +1,6 @@
 """`palpate track`: the run folder, tables and JSON, options, and errors."""
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,7 @@ def read(path: str) -> Any:
 
 def table(path: str) -> Any:
     """The columns of numbers in a table, without the words at its end."""
-    columns = len(np.loadtxt(path, str, delimiter=",", max_rows=1)) - 2 * ("estimates" in path)
+    columns = len(np.loadtxt(path, str, delimiter=",", max_rows=1)) - 3 * ("estimates" in path)
     return np.genfromtxt(path, delimiter=",", names=True, usecols=range(columns))
 
 
@@ -58,6 +59,18 @@ def test_json_is_the_summary_and_nothing_else(json_of):
     assert found == read("here/summary.json")
     assert (found["frames"], found["tactile"], found["smoother"]) == (40, "none", "batch")
     assert (found["episodes"], found["contact_frames"], found["scored_frames"]) == (2, 23, 40)
+
+
+def test_the_folder_of_a_run_says_why_it_is_ambiguous(succeeds):
+    out = succeeds("track", "push.mcap", "--first-pose-sigma", "0.02", "0.02", "0.3", "--html")
+    with Path("runs/push/estimates.csv").open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["status"] == "ambiguous"]
+    # The first pose is known roughly, and nobody shoves the object or doubts how images lie.
+    assert rows and all("rough start" in row["origins"] for row in rows)
+    assert all("first pose that is known roughly (" in row["reason"] for row in rows)
+    assert read("runs/push/summary.json")["ambiguous_by_origin"] == {"rough start": 1.0}
+    assert "ambiguous_by_origin rough start 1" in map(words, out.splitlines())
+    assert "100%  a first pose that is known roughly" in Path("runs/push/page.html").read_text(encoding="utf-8")
 
 
 def test_options_reach_the_tracker(succeeds):

@@ -19,11 +19,6 @@ class HypothesisBank:
     def __len__(self) -> int:
         return len(self.rows)
 
-    @property
-    def has_mirrors(self) -> bool:
-        """True if some hypotheses take touch images the other way round than others."""
-        return len(self.rows) > 1 and bool(self.rows.is_mirror_of_best.any())
-
     def take(self, indices: Indices) -> None:
         """Keep these hypotheses, in this order; one may be taken several times."""
         present = np.arange(len(self.rows))

@@ -306,7 +306,7 @@ class MultiHypothesisFilter:
     def _weigh_and_reduce(self, window: Window) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping."""
         bank = self._bank
-        has_mirrors = bank.has_mirrors
+        has_mirrors = bank.rows.has_mirrors
         if len(bank) > 1:
             most = self._most if self._is_found else max(self._most, MOST_PLACES)
             log_weights = self._weigher.log_weights(bank.rows, window.costs())

@@ -115,11 +115,10 @@ def posterior_of(
     in_contact = touching is not None
     known = rows.whole_belief.pose_covariance
     covariances = known + monitor.set_up_covariance
-    by_poses = 0.0
-    by_outline = 0.0
+    contradictions = (0.0, 0.0)
     if rows.contradictions.any():
         covariances = covariances + monitor.contradiction_covariance(rows)
-        by_poses, by_outline = contradicting_distances(rows)[0].tolist()
+        contradictions = contradicting_distances(rows)[0].tolist()
     if not in_contact and rows.displacement.any():
         covariances = covariances + monitor.displacement_covariance(rows)
     covariance = covariances[0]
@@ -130,9 +129,6 @@ def posterior_of(
         ambiguity = _ambiguity(from_best, rows, tolerance)
     x, y, yaw = np.sqrt(covariance.diagonal()).tolist()
     position = max(x, y)
-    is_displaced = bool(rows.displacement[0] > 0.0)
-    if is_displaced and in_contact:  # until it is found again
-        is_displaced = bool((known[0].diagonal() > np.square(_FOUND_SIGMA)).any())
     evidence = PoseEvidence(
         in_contact=in_contact,
         position_deviation=position,
@@ -140,15 +136,25 @@ def posterior_of(
         is_beyond_tolerance=2.0 * position > tolerance.length or 2.0 * yaw > tolerance.angle,
         ambiguity=ambiguity,
         has_begun_anew=circumstances.has_begun_anew,
-        contradicting_poses=by_poses,
-        contradicting_outline=by_outline,
-        is_displaced=is_displaced,
+        contradicting_poses=contradictions[0],
+        contradicting_outline=contradictions[1],
+        is_displaced=_is_displaced(rows, known[0], in_contact),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
-        may_images_be_mirrored=len(rows) > 1 and bool(rows.is_mirror_of_best.any()),
+        may_images_be_mirrored=rows.has_mirrors,
     )
     if circumstances.hidden_motion > 0.0:
         covariance = covariance + monitor.covariance_of_motion(circumstances.hidden_motion)
     return Posterior(rows, covariances, covariance, evidence, touching)
+
+
+def _is_displaced(rows: Hypotheses, covariance: Array, in_contact: bool) -> bool:
+    """Return True if the object of the best hypothesis was moved, and no contact has found it again so far.
+
+    `covariance` (3, 3) is that of its pose.
+    """
+    if rows.displacement[0] == 0.0:
+        return False
+    return not in_contact or bool((covariance.diagonal() > np.square(_FOUND_SIGMA)).any())
 
 
 def _spanning(from_best: Array, covariances: Array, weights: Array) -> Array:

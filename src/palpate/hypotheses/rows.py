@@ -59,6 +59,11 @@ class Hypotheses(RowArrays):
         return np.asarray(self.touch_sign != self.touch_sign[0])
 
     @property
+    def has_mirrors(self) -> bool:
+        """True if some take touch images the other way round than others."""
+        return len(self) > 1 and bool(self.is_mirror_of_best.any())
+
+    @property
     def origins(self) -> list[Origin]:
         """Origin of each hypothesis as seen from the best one, from which others may differ by how images lie."""
         own = cast("list[Origin]", self.origin.tolist())

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from typing import NamedTuple
 
 from palpate.arrays import Image
 from palpate.config import LARGEST_ERROR, UNLIKELY
@@ -21,6 +22,16 @@ from palpate.types.sensor import SensorProfile
 logger = logging.getLogger(__name__)
 
 _NOTICEABLE = LARGEST_ERROR[0]  # [m] of motion that is more than errors of mounting and outline
+
+
+class _Seen(NamedTuple):
+    """Contact in a frame, by its image if it has one."""
+
+    image: Image | None
+    """The image in the profile's view."""
+    contact: bool
+    touches_since_start: bool
+    """True if the contact lasts since before the untouched gel was known, so that touch cannot measure."""
 
 
 class InputGate:
@@ -70,41 +81,33 @@ class InputGate:
         images, and `needs_colours` that grey ones will not do. Raises FrameError if the frame cannot be used.
         """
         frame = corrected.frame
-        last = self.last
-        self._check_time(frame, last)
+        self._check_time(frame)
         if frame.image is None and reads_images and frame.contact:
             raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
-        touches_since_start = False
-        contact = bool(frame.contact)
-        image = frame.image
-        if image is not None:
-            image = self._detector.read(image)
-            refuses_grey = reads_images and needs_colours and last is None
-            contact = self._shows_touch(frame.time, image, clearance, refuses_grey)
-            touches_since_start = self._touches_before_gel_is_known(clearance, contact)
-            contact = contact or touches_since_start
-
-        motion = self._poses.check_pose(frame.time, frame.sensor_pose, contact)
+        seen = _Seen(None, bool(frame.contact), False)
+        if frame.image is not None:
+            refuses_grey = reads_images and needs_colours and self.last is None
+            seen = self._look_at(frame.time, frame.image, clearance, refuses_grey)
+        motion = self._poses.check_pose(frame.time, frame.sensor_pose, seen.contact)
         has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
         unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
-        if image is not None and has_drawn_back:
+        if seen.image is not None and has_drawn_back:
             self._detector.forget()  # the gel or the light has changed
             self._may_show_touch = False
-            touches_since_start = False
-            contact = False
-        self._touches_since_start = touches_since_start
+            seen = _Seen(seen.image, False, False)
+        self._touches_since_start = seen.touches_since_start
         self._hidden_motion = motion.hidden
-        sees_touch = contact and image is not None and not motion.was_unobserved
+        sees_touch = seen.contact and seen.image is not None and not motion.was_unobserved
         weakness = self._poses.weakness(sees_touch)
-        was_in_contact = last is not None and bool(last.contact)
+        was_in_contact = self.last is not None and bool(self.last.contact)
         return CheckedFrame(
             corrected=corrected,
-            frame=frame if image is None else replace(frame, image=image, contact=contact),
-            is_first=last is None,
-            ends_contact=was_in_contact and (motion.was_unobserved or not contact),
+            frame=frame if seen.image is None else replace(frame, image=seen.image, contact=seen.contact),
+            is_first=self.last is None,
+            ends_contact=was_in_contact and (motion.was_unobserved or not seen.contact),
             unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,
             background=self.background,
-            evidence=InputEvidence(motion.hidden, touches_since_start, self._detector.doubt, weakness),
+            evidence=InputEvidence(motion.hidden, seen.touches_since_start, self._detector.doubt, weakness),
         )
 
     def accept(self, checked: CheckedFrame) -> None:
@@ -112,11 +115,19 @@ class InputGate:
         self.last = checked.frame
         self._has_touched = self._has_touched or bool(checked.frame.contact)
 
-    def _check_time(self, frame: Frame, last: Frame | None) -> None:
+    def _check_time(self, frame: Frame) -> None:
         """Raise FrameError on a time that does not follow the last one, or is far ahead."""
+        last = self.last
         if last is not None and frame.time <= last.time:
             raise FrameError(f"frame at {frame.time:.3f} s follows one at {last.time:.3f} s; times must increase")
         self._poses.check_time(frame.time)
+
+    def _look_at(self, time: float, image: Image, clearance: Clearance | None, refuses_grey: bool) -> "_Seen":
+        """Return what an image shows; raises FrameError if it cannot be used."""
+        image = self._detector.read(image)
+        shows_touch = self._shows_touch(time, image, clearance, refuses_grey)
+        touches_since_start = self._touches_before_gel_is_known(clearance, shows_touch)
+        return _Seen(image, shows_touch or touches_since_start, touches_since_start)
 
     def _shows_touch(self, time: float, image: Image, clearance: Clearance | None, refuses_grey: bool) -> bool:
         """Return True if an image shows a touch; raises FrameError if it cannot be used."""

@@ -110,25 +110,30 @@ def beliefs_at_places(
     squared_distance = np.einsum("ni,nij,nj->n", off[near], information, off[near])  # [variances]
     is_near = squared_distance < UNLIKELY**2
     near = near[is_near]
-    information = information[is_near]
-    squared_distance = squared_distance[is_near]
     parent = places.parent[near]
-    guess = guess[near]
-    place_covariance = place_covariance[near]
-    # The product of both Gaussians, as an update of the place by the belief.
-    gain = place_covariance @ information
-    log_likelihood = -0.5 * squared_distance + np.where(guess, 0.0, 0.5 * np.linalg.slogdet(gain)[1])
-    gain[guess] = 0.0
-    pose = places.pose[near] + (gain @ off[near][..., None])[..., 0]
-    covariance = place_covariance - gain @ place_covariance
-    covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
-    joint_covariance = prior.covariance[parent]
-    joint_covariance[:, :3, :] = 0.0
-    joint_covariance[:, :, :3] = 0.0
-    joint_covariance[:, :3, :3] = _in_turned_axes(covariance, -pose[:, 2])
-    pose[:, 2] = se2.wrap(pose[:, 2])
-    belief = Belief(pose, prior.values[parent], joint_covariance)
+    gain = place_covariance[near] @ information[is_near]
+    log_of_product = np.where(guess[near], 0.0, 0.5 * np.linalg.slogdet(gain)[1])
+    log_likelihood = -0.5 * squared_distance[is_near] + log_of_product
+    gain[guess[near]] = 0.0
+    belief = _updated(prior.take(parent), places.pose[near], place_covariance[near], gain, off[near])
     return BeliefsAtPlaces(belief, searched[parent], log_likelihood)
+
+
+def _updated(prior: Belief, place: Array, covariance: Array, gain: Array, off: Array) -> Belief:
+    """Return beliefs whose poses are products of two Gaussians, that of a prior and that of a place (N, 3).
+
+    The covariance (N, 3, 3) of the place, the gain (N, 3, 3) of the update, and the difference of the prior from the
+    place, `off` (N, 3), are in the axes of the world.
+    """
+    pose = place + (gain @ off[..., None])[..., 0]
+    covariance = covariance - gain @ covariance
+    covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
+    joint = prior.covariance.copy()
+    joint[:, :3, :] = 0.0
+    joint[:, :, :3] = 0.0
+    joint[:, :3, :3] = _in_turned_axes(covariance, -pose[:, 2])
+    pose[:, 2] = se2.wrap(pose[:, 2])
+    return Belief(pose, prior.values, joint)
 
 
 class _Places(NamedTuple):
