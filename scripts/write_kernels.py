@@ -4,7 +4,6 @@ python scripts/write_kernels.py [--check]    # exit 1 if the file is out of date
 """
 
 import argparse
-import subprocess
 import sys
 from pathlib import Path
 
@@ -17,23 +16,13 @@ FILE = Path(__file__).parents[1] / "src/palpate/models/generated.py"
 SOURCE = "palpate.models.pushing"
 
 
-def kernels() -> str:
-    """Return the text of the file, in the format of `make lint`."""
-    ruff = [sys.executable, "-m", "ruff"]
-    text = generate(MODEL, SETTINGS, SOURCE)
-    for words in (["check", "--fix", "--select", "I", "--quiet"], ["format", "--quiet"]):
-        command = [*ruff, *words, "--stdin-filename", str(FILE), "-"]
-        text = subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
-    return text
-
-
 def main() -> int:
     """Write the file, or check it."""
     parser = argparse.ArgumentParser(description="Write src/palpate/models/generated.py from palpate.models.pushing.")
     parser.add_argument("--check", action="store_true", help="exit 1 if the file is out of date")
     is_check = parser.parse_args().check
     try:
-        text = kernels()
+        text = generate(MODEL, SETTINGS, SOURCE)
     except PalpateError as error:
         print(f"write_kernels: {error}", file=sys.stderr)
         return 2

@@ -95,18 +95,16 @@ def make_eliminate_steps(model: Functions) -> Any:
     """Return the compiled function of a model that linearises all factors and eliminates all numbers."""
     begin_with_past = make_begin_with_past(model)
     write_next_past = make_write_next_past(model)
-    add = make_add(2 * model.step_size + model.shared_size)
+    add_pairs = make_add_pairs(model)
+    add_singles = make_add_singles(model)
+    add_measured = make_add_measured(model)
 
     @kernel
     def eliminate_steps(steps: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> bool:
         """Linearise all factors and eliminate all numbers, oldest step first; False if they are indeterminate."""
-        settings = given.settings[0]
         work = given.work[0]
-        system = work.system
-        gradient = work.gradient
-        out = work.linear
-        system[:] = 0.0
-        gradient[:] = 0.0
+        work.system[:] = 0.0
+        work.gradient[:] = 0.0
         begin_with_past(steps[0], row, work)
         t = 0
         for k in range(len(steps)):
@@ -114,32 +112,72 @@ def make_eliminate_steps(model: Functions) -> Any:
             before = steps[max(k - 1, 0)]
             now.cost[:2] = 0.0
             now.cost_of_belief = 0.0
-            model.prepare_process(steps, k, row, settings)
+            model.prepare_process(steps, k, row, given.settings[0])
             if k > 0:
-                model.elimination.move_into_past(system, gradient)
-                for kind in range(model.pairs):
-                    count = model.linearise_step(kind, before, now, row, settings, out)
-                    add(model.roles[kind], count, out, now, system, gradient)
+                model.elimination.move_into_past(work.system, work.gradient)
+                add_pairs(before, now, row, given)
             if k == 1:
                 write_next_past(now, row, given.drift, work)
-            for kind in range(model.pairs, model.step_factors):
-                if left + k == 0 or not model.is_first[kind]:
-                    count = model.linearise_step(kind, before, now, row, settings, out)
-                    add(model.roles[kind], count, out, now, system, gradient)
-            while t < len(terms) and terms[t].step == left + k:
-                kind = int(terms[t].kind)
-                count = model.linearise_measured(kind, now, row, terms[t], settings, given.places, out)
-                add(model.roles[kind], count, out, now, system, gradient)
-                t += 1
-            for m in range(len(own[0])):
-                if own[0][m] == left + k:
-                    count = copy_own(model.step_size, own[1][m], out)
-                    add(MEASUREMENT, count, out, now, system, gradient)
-            if k > 0 and not model.elimination.eliminate_step(system, gradient, before.root, before.y):
+            add_singles(now, left + k == 0, row, given)
+            t = add_measured(now, left + k, row, terms, t, own, given)
+            if k > 0 and not model.elimination.eliminate_step(work.system, work.gradient, before.root, before.y):
                 return False
-        return model.elimination.eliminate_last(system, gradient, row.last_root, row.last_y)
+        return model.elimination.eliminate_last(work.system, work.gradient, row.last_root, row.last_y)
 
     return eliminate_steps
+
+
+def make_add_pairs(model: Functions) -> Any:
+    """Return the compiled function of a model that adds the factors of a pair of steps to the system."""
+    add = make_add(2 * model.step_size + model.shared_size)
+
+    @kernel
+    def add_pairs(before: Records, now: Records, row: Records, given: Given) -> None:
+        """Linearise and add the factors of a step and the one before."""
+        work = given.work[0]
+        for kind in range(model.pairs):
+            count = model.linearise_step(kind, before, now, row, given.settings[0], work.linear)
+            add(model.roles[kind], count, work.linear, now, work.system, work.gradient)
+
+    return add_pairs
+
+
+def make_add_singles(model: Functions) -> Any:
+    """Return the compiled function of a model that adds the factors of one step, but for measured ones."""
+    add = make_add(2 * model.step_size + model.shared_size)
+
+    @kernel
+    def add_singles(now: Records, is_first: bool, row: Records, given: Given) -> None:
+        """Linearise and add the factors of a step; some are of the first step of a contact alone."""
+        work = given.work[0]
+        for kind in range(model.pairs, model.step_factors):
+            if is_first or not model.is_first[kind]:
+                count = model.linearise_step(kind, now, now, row, given.settings[0], work.linear)
+                add(model.roles[kind], count, work.linear, now, work.system, work.gradient)
+
+    return add_singles
+
+
+def make_add_measured(model: Functions) -> Any:
+    """Return the compiled function of a model that adds the factors of a step's measurements."""
+    add = make_add(2 * model.step_size + model.shared_size)
+
+    @kernel
+    def add_measured(now: Records, number: int, row: Records, terms: Records, t: int, own: Own, given: Given) -> int:
+        """Linearise and add the terms of a step of this number, from the t-th on; return the place of the next one."""
+        work = given.work[0]
+        while t < len(terms) and terms[t].step == number:
+            kind = int(terms[t].kind)
+            count = model.linearise_measured(kind, now, row, terms[t], given.settings[0], given.places, work.linear)
+            add(model.roles[kind], count, work.linear, now, work.system, work.gradient)
+            t += 1
+        for m in range(len(own[0])):
+            if own[0][m] == number:
+                count = copy_own(model.step_size, own[1][m], work.linear)
+                add(MEASUREMENT, count, work.linear, now, work.system, work.gradient)
+        return t
+
+    return add_measured
 
 
 def make_begin_with_past(model: Functions) -> Any:

@@ -8,7 +8,6 @@ and of the shared variables.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -130,13 +129,10 @@ class Model:
         """Return the prior standard deviation of each number of some variables."""
         return [variable.prior[1] for variable in variables for _ in range(variable.dimension)]
 
-    def factor_of(self, measurement: Any) -> int | None:
-        """Return the place of the factor that a measurement brings, None if there is none."""
-        return self._factors_by_class.get(type(measurement))
-
     @cached_property
-    def _factors_by_class(self) -> dict[type, int]:
-        return {factor.measurement: i for i, factor in enumerate(self.factors) if factor.measurement is not None}
+    def factors_by_measurement(self) -> dict[type, int]:
+        """Places of the factors that measurements bring, by the class of these."""
+        return {factor.measurement: k for k, factor in enumerate(self.factors) if factor.measurement is not None}
 
 
 def size(variables: Sequence[Variable]) -> int:

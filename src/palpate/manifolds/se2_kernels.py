@@ -14,8 +14,6 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.compiled import kernel
 
-_SERIES_BELOW = 0.1  # [rad]; here the series below is exact to rounding and the closed form loses three digits
-
 
 @kernel
 def wrap(angle: float) -> float:
@@ -42,17 +40,20 @@ def position(pose: Array) -> complex:
 def between(a: Array, b: Array, out: Array) -> None:
     """Write the pose b (3,) as seen from a (3,) to out (3,)."""
     seen = (position(b) - position(a)) * rotation(-a[2])
-    out[0], out[1], out[2] = seen.real, seen.imag, wrap(b[2] - a[2])
+    out[0] = seen.real
+    out[1] = seen.imag
+    out[2] = wrap(b[2] - a[2])
 
 
 @kernel
 def exp_onto(pose: Array, change: Array) -> None:
     """Perturb a pose (3,) by the tangent vector at the begin of a change (3 or more,): pose exp(change)."""
-    dx, dy, turned = change[0], change[1], change[2]
-    half = 0.5 * turned
+    half = 0.5 * change[2]
     chord = math.sin(half) / half if half != 0.0 else 1.0
-    moved = position(pose) + rotation(pose[2] + half) * chord * complex(dx, dy)
-    pose[0], pose[1], pose[2] = moved.real, moved.imag, wrap(pose[2] + turned)
+    moved = position(pose) + rotation(pose[2] + half) * chord * complex(change[0], change[1])
+    pose[0] = moved.real
+    pose[1] = moved.imag
+    pose[2] = wrap(pose[2] + change[2])
 
 
 @kernel
@@ -61,33 +62,27 @@ def log(pose: Array, out: Array) -> None:
     theta = wrap(pose[2])
     half = 0.5 * theta
     cot = half / math.tan(half) if half != 0.0 else 1.0
-    x, y = pose[0], pose[1]
-    out[0], out[1], out[2] = cot * x + half * y, cot * y - half * x, theta
-
-
-@kernel
-def log_by_pose(tangent: Array, out: Array) -> None:
-    """Write J (3, 3) with log(T exp(d)) = log(T) + J d at tangent (3,) = log(T) to out: inverse right Jacobian."""
-    vx, vy, omega = tangent[0], tangent[1], tangent[2]
-    half = 0.5 * omega
-    cot = half / math.tan(half) if half != 0.0 else 1.0
-    if abs(omega) < _SERIES_BELOW:
-        square = half * half
-        e = half / 6.0 * (1.0 + square / 15.0 * (1.0 + square * (2.0 / 21.0) * (1.0 + square / 10.0)))
-    else:
-        e = (1.0 - cot) / omega
-    out[0, 0], out[0, 1], out[0, 2] = cot, -half, e * vx + 0.5 * vy
-    out[1, 0], out[1, 1], out[1, 2] = half, cot, e * vy - 0.5 * vx
-    out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, 1.0
+    x = pose[0]
+    y = pose[1]
+    out[0] = cot * x + half * y
+    out[1] = cot * y - half * x
+    out[2] = theta
 
 
 @kernel
 def adjoint(pose: Array, out: Array) -> None:
     """Write Ad (3, 3) with T exp(d) T^-1 = exp(Ad d) of a pose T (3,) to out."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    out[0, 0], out[0, 1], out[0, 2] = cos, -sin, pose[1]
-    out[1, 0], out[1, 1], out[1, 2] = sin, cos, -pose[0]
-    out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, 1.0
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    out[0, 0] = cos
+    out[0, 1] = -sin
+    out[0, 2] = pose[1]
+    out[1, 0] = sin
+    out[1, 1] = cos
+    out[1, 2] = -pose[0]
+    out[2, 0] = 0.0
+    out[2, 1] = 0.0
+    out[2, 2] = 1.0
 
 
 @kernel

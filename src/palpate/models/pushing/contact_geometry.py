@@ -24,9 +24,9 @@ from palpate.compiled import compiled, kernel
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.manifolds.se2_kernels import position, rotation
+from palpate.models.pushing.outline_distance import distance_at
 from palpate.types.sensor import SensorProfile
 
-Weights = tuple[float, float, float, float]
 _FIELD_MARGIN = 0.04  # [m] around the outline that the distance grid covers
 LOAD_LENGTH = 2e-4
 """[m] Indentation over which the parts of a pad share the load: keeps the contact smooth."""
@@ -124,7 +124,8 @@ def _corners(shape: Shape) -> Array:
     first, last = sharp_corners(shape.corners).T
     vertices = shape.corners @ (1.0, 1j)
     along = np.roll(vertices, -1) - vertices
-    before, place = along[first - 1], 0.5 * (vertices[first] + vertices[last])
+    before = along[first - 1]
+    place = 0.5 * (vertices[first] + vertices[last])
     half = 0.5 * np.angle(along[last] / before)
     return np.column_stack([place.real, place.imag, np.angle(1j * before) + half, half])
 
@@ -152,14 +153,18 @@ def _put_round(place: complex, turn: complex, center: complex, surface: Surface,
     """Write the geometry of one round part, whose centre is given in the sensor frame, to `touch`."""
     radius = surface.radius
     placed = place + turn * center
-    distance, normal, bend_x, bend_y = _distance(placed, surface)
+    distance, normal, bend_x, bend_y = distance_at(placed, surface.field)
     normal_in_sensor = turn.conjugate() * normal
     touch.gap = distance - radius
     touch.point = placed - radius * normal
     touch.material = center - radius * normal_in_sensor
     touch.normal = normal
     for c in range(3):
-        moved = turn if c == 0 else 1j * turn if c == 1 else 1j * turn * center
+        moved = turn  # motion of the centre by each number of g
+        if c == 1:
+            moved = 1j * turn
+        elif c == 2:
+            moved = 1j * turn * center
         normal_by = bend_x * moved.real + bend_y * moved.imag
         touch.gap_by_g[c] = (normal.conjugate() * moved).real
         touch.normal_by_g[c] = normal_by
@@ -175,13 +180,18 @@ def _put_mean(parts: Records, touch: Records) -> None:
     for i in range(len(parts)):
         nearest = min(nearest, parts[i].gap)
     total = 0.0
-    touch.point = touch.material = touch.normal = 0.0
+    touch.point = 0.0
+    touch.material = 0.0
+    touch.normal = 0.0
     touch.gap_by_g[:] = 0.0
-    touch.point_by_g[:] = touch.material_by_g[:] = touch.normal_by_g[:] = 0.0
+    touch.point_by_g[:] = 0.0
+    touch.material_by_g[:] = 0.0
+    touch.normal_by_g[:] = 0.0
     for i in range(len(parts)):
         total += math.exp((nearest - parts[i].gap) / LOAD_LENGTH)
     for i in range(len(parts)):
-        part, share = parts[i], math.exp((nearest - parts[i].gap) / LOAD_LENGTH) / total
+        part = parts[i]
+        share = math.exp((nearest - part.gap) / LOAD_LENGTH) / total
         touch.point += share * part.point
         touch.material += share * part.material
         touch.normal += share * part.normal
@@ -189,7 +199,8 @@ def _put_mean(parts: Records, touch: Records) -> None:
             touch.gap_by_g[c] += share * part.gap_by_g[c]
     touch.gap = nearest - LOAD_LENGTH * math.log(total / len(parts))
     for i in range(len(parts)):
-        part, share = parts[i], math.exp((nearest - parts[i].gap) / LOAD_LENGTH) / total
+        part = parts[i]
+        share = math.exp((nearest - part.gap) / LOAD_LENGTH) / total
         for c in range(3):
             grows = (touch.gap_by_g[c] - part.gap_by_g[c]) / LOAD_LENGTH  # derivative of the share over the share
             touch.point_by_g[c] += share * (part.point_by_g[c] + grows * part.point)
@@ -200,69 +211,14 @@ def _put_mean(parts: Records, touch: Records) -> None:
 @compiled
 def _move_along(g: Array, lengths: Array, center: complex, surface: Surface) -> None:
     for k in range(len(g)):
-        place, arm = position(g[k]), rotation(g[k, 2]) * center
-        near = _distance(place + arm, surface)[0]
+        place = position(g[k])
+        arm = rotation(g[k, 2]) * center
+        kept = distance_at(place + arm, surface.field)[0]
         count = math.ceil(abs(lengths[k]) / _WALK)
         for _ in range(count):
-            normal = _distance(place + arm, surface)[1]
+            normal = distance_at(place + arm, surface.field)[1]
             place += 1j * normal * lengths[k] / count
-            distance, normal, _bend_x, _bend_y = _distance(place + arm, surface)
-            place += (near - distance) * normal
-        g[k, 0], g[k, 1] = place.real, place.imag
-
-
-@kernel
-def _distance(point: complex, surface: Surface) -> tuple[float, complex, complex, complex]:
-    """Return signed distance, gradient, and the gradient's derivatives along x and y.
-
-    They are those of a cubic B-spline inside the grid; outside, the value at the nearest point of the border plus the
-    distance to it.
-    """
-    origin, cell, coefficients = surface.field
-    rows, columns = coefficients.shape[0] - 3, coefficients.shape[1] - 3
-    x, y = (point.real - origin[0]) / cell, (point.imag - origin[1]) / cell
-    at_x, at_y = min(max(x, 0.0), columns - 1.0), min(max(y, 0.0), rows - 1.0)
-    column, row = int(at_x), int(at_y)
-    wx, wy = _weights(at_x - column), _weights(at_y - row)
-    value = by_x = by_y = by_xx = by_xy = by_yy = 0.0
-    for i in range(4):
-        along = along_1 = along_2 = 0.0
-        for j in range(4):
-            coefficient = coefficients[row + i, column + j]
-            along += coefficient * wx[0][j]
-            along_1 += coefficient * wx[1][j]
-            along_2 += coefficient * wx[2][j]
-        value += wy[0][i] * along
-        by_x += wy[0][i] * along_1
-        by_xx += wy[0][i] * along_2
-        by_y += wy[1][i] * along
-        by_xy += wy[1][i] * along_1
-        by_yy += wy[2][i] * along
-    gradient = complex(by_x, by_y) / cell
-    bend_x, bend_y = complex(by_xx, by_xy) / cell**2, complex(by_xy, by_yy) / cell**2
-    if x == at_x and y == at_y:
-        return value, gradient, bend_x, bend_y
-    beyond = complex(x - at_x, y - at_y) * cell
-    length = abs(beyond)
-    out_x, out_y = 1.0 if x != at_x else 0.0, 1.0 if y != at_y else 0.0
-    way = beyond / length
-    gradient = complex(by_x / cell * (1.0 - out_x), by_y / cell * (1.0 - out_y)) + way
-    both_inside = (1.0 - out_x) * (1.0 - out_y)
-    across = bend_x.imag * both_inside - way.real * way.imag / length
-    bend_x = complex(bend_x.real * (1.0 - out_x) + (out_x - way.real**2) / length, across)
-    bend_y = complex(across, bend_y.imag * (1.0 - out_y) + (out_y - way.imag**2) / length)
-    return value + length, gradient, bend_x, bend_y
-
-
-@kernel
-def _weights(f: float) -> tuple[Weights, Weights, Weights]:
-    """Return the weights of four spline coefficients at position f in a cell: value, first and second derivative."""
-    rest = 1.0 - f
-    value = (
-        rest**3 / 6.0,
-        (4.0 - 6.0 * f**2 + 3.0 * f**3) / 6.0,
-        (1.0 + 3.0 * f + 3.0 * f**2 - 3.0 * f**3) / 6.0,
-        f**3 / 6.0,
-    )
-    first = (-0.5 * rest**2, 1.5 * f**2 - 2.0 * f, 0.5 + f - 1.5 * f**2, 0.5 * f**2)
-    return value, first, (rest, 3.0 * f - 2.0, 1.0 - 3.0 * f, f)
+            distance, normal, _bend_x, _bend_y = distance_at(place + arm, surface.field)
+            place += (kept - distance) * normal
+        g[k, 0] = place.real
+        g[k, 1] = place.imag

@@ -85,7 +85,7 @@ def terms_of(compiled: CompiledModel, step: Step, number: int) -> tuple[Array, l
         if isinstance(measurement, OwnMeasurement):
             own.append((at, measurement))
             continue
-        kind = compiled.model.factor_of(measurement)
+        kind = compiled.model.factors_by_measurement.get(type(measurement))
         if kind is None:
             continue
         factor = compiled.model.factors[kind]
