@@ -50,6 +50,8 @@ class Hypotheses(RowArrays):
     @property
     def whole_belief(self) -> Belief:
         """Belief with the unobservable yaw."""
+        if not self.unobservable_yaw.any():
+            return self.belief
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * _YAW_ONLY)
 
     @property
