@@ -11,8 +11,8 @@ from palpate.arrays import Array
 from palpate.geometry import se2
 from palpate.graph.variables import GRIP, IN_OBJECT
 from palpate.hypotheses.consistency import ConsistencyMonitor, contradicting_distances
-from palpate.hypotheses.proposals.shove import LIKELY_WEIGHT
 from palpate.hypotheses.rows import Hypotheses
+from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.status import Ambiguity, PoseEvidence, Verdict
 from palpate.types.estimate import Answer, Estimate, Origin
 

@@ -42,7 +42,7 @@ class Hypotheses(RowArrays):
     next_alarm: Integers
     """First step of the contact at which an alarm is of something new, (B,)."""
     origin: NDArray[np.str_]
-    """Where it comes from, an `Origin`, (B,)."""
+    """Event that added it, an `Origin`, (B,)."""
 
     def __len__(self) -> int:
         return len(self.weight)

@@ -13,9 +13,8 @@ from palpate.graph.belief import Belief
 from palpate.graph.factors import NAMES
 from palpate.graph.window import Window
 from palpate.hypotheses.rows import Hypotheses, origins
+from palpate.hypotheses.weigher import LIKELY_WEIGHT
 
-LIKELY_WEIGHT = 0.1
-"""Weight from which a hypothesis makes an estimate ambiguous and is watched for disturbances."""
 SHOVE_SIGMA = 0.012
 """[m] standard deviation of the slide over the sensor by which a hand moves the object."""
 STEPS_BEFORE_ALARM = 10
