@@ -57,9 +57,9 @@ class Posterior:
         normal = None
         if touching is not None:
             x, y, theta = belief.pose[0].tolist()
-            turn = complex(math.cos(theta), math.sin(theta))
-            point = _as_vector(complex(x, y) + turn * touching.point)
-            normal = _as_vector(turn * touching.normal / abs(touching.normal))
+            rotation = complex(math.cos(theta), math.sin(theta))
+            point = _as_vector(complex(x, y) + rotation * touching.point)
+            normal = _as_vector(rotation * touching.normal / abs(touching.normal))
         return Estimate(
             time=time,
             pose=belief.pose[0].copy(),

@@ -103,10 +103,10 @@ def _linearised(poses: list[ObjectPose], own: OwnMeasurements, pose: Array, valu
     # With the object in place of the sensor, g = 0 and e = o, a perturbation of e is one of the object.
     object_as_sensor = np.zeros((count, 1, 3))
     shared = np.concatenate([np.zeros((count, CONTACT_SIZE)), values], axis=1)
-    rows = own.evaluated(0, object_as_sensor, pose[:, None], shared, at_rest=True)
-    for row in rows.swapaxes(0, 1):
-        by_pose = row[..., STEP_SIZE - 2 : STEP_SIZE + 1]
-        by_values = row[..., 1 + STEP_SIZE + CONTACT_SIZE :]
-        residuals.append(row[..., 0])
+    linear = own.evaluated(0, object_as_sensor, pose[:, None], shared, at_rest=True)
+    for residual_and_jacobian in linear.swapaxes(0, 1):  # of each measurement
+        by_pose = residual_and_jacobian[..., STEP_SIZE - 2 : STEP_SIZE + 1]
+        by_values = residual_and_jacobian[..., 1 + STEP_SIZE + CONTACT_SIZE :]
+        residuals.append(residual_and_jacobian[..., 0])
         jacobians.append(np.dstack([by_pose, by_values]))
     return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1)
