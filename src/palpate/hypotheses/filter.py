@@ -22,7 +22,7 @@ from palpate.hypotheses.outline_places import is_round, outline_places
 from palpate.hypotheses.posterior import Circumstances, Posterior, Tolerance, Touching, posterior_of
 from palpate.hypotheses.proposals.contact_places import MOST_PLACES, is_rough
 from palpate.hypotheses.proposals.first_contact import propose_first_contact
-from palpate.hypotheses.proposals.mirrored import decide_mirrored, propose_mirrored, takes_images
+from palpate.hypotheses.proposals.mirrored import decide_mirrored, propose_mirrored, takes_images_as
 from palpate.hypotheses.proposals.rough_start import propose_rough_start
 from palpate.hypotheses.proposals.shove import (
     SHOVE_SIGMA,
@@ -160,7 +160,7 @@ class MultiHypothesisFilter:
         if measurements:
             measured = measured_at_rest(rows, measurements, (since, time), self._monitor, self._rest_graph)
             rows = measured.rows
-            if measured.measures_pose:  # what the last contact showed is no test of another place
+            if measured.measures_pose:  # the object may be elsewhere, where the last contact tests nothing
                 self._touched = None
         touched = sensor_pose if self._touched is None else self._touched
         self._bank.rows = self._monitor.test_rest(rows, sensor_pose, touched)
@@ -330,7 +330,7 @@ class MultiHypothesisFilter:
             return
         self._may_be_mirrored = False
         self.is_mirrored = is_mirrored
-        bank.take(takes_images(bank.rows, is_mirrored))
+        bank.take(takes_images_as(bank.rows, is_mirrored))
         bank.rows = replace(bank.rows, weight=bank.rows.weight / bank.rows.weight.sum())
         if is_mirrored:
             logger.warning("frame at %.3f s: %s", self._times[-1], MIRRORED)

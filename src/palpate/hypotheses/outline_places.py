@@ -9,7 +9,7 @@ import numpy as np
 from palpate.arrays import Complex
 from palpate.models.pushing.contact_geometry import ContactModel
 
-WIDEST_TURN = 0.314
+WIDEST_NORMAL_STEP = 0.314
 """[rad] of the outline's normal from place to place: a graph finds the poses between."""
 _WIDEST_SPACING = 0.015
 """[m] from place to place."""
@@ -48,7 +48,7 @@ def outline_places(model: ContactModel) -> OutlinePlaces:
         if is_around:
             break
         is_far = since_place > _WIDEST_SPACING
-        if not centers or is_far or abs(np.angle(normal / normals[-1])) > WIDEST_TURN:
+        if not centers or is_far or abs(np.angle(normal / normals[-1])) > WIDEST_NORMAL_STEP:
             centers.append(center)
             normals.append(normal / abs(normal))  # shorter near a concave corner
             since_place = 0.0
@@ -62,7 +62,7 @@ def is_round(model: ContactModel) -> bool:
     return bool(np.ptp(distances) < _ROUND_TO)
 
 
-def _on_outline(tip: ContactModel) -> np.ndarray:
+def _on_outline(tip: ContactModel) -> Array:
     """Return a pose (1, 3) of a tip that touches the outline, in the object frame."""
     pose = np.array([[tip.friction_center.real + 1.0, tip.friction_center.imag, 0.0]])
     for _ in range(_TO_NEAREST_POINT):

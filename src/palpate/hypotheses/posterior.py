@@ -10,8 +10,8 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.geometry import se2
 from palpate.hypotheses.consistency import ConsistencyMonitor, contradicting_distances
-from palpate.hypotheses.proposals.shove import LIKELY_WEIGHT
 from palpate.hypotheses.rows import Hypotheses
+from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.variables import GRIP
 from palpate.status import Ambiguity, PoseEvidence, Verdict
@@ -58,9 +58,9 @@ class Posterior:
         normal = None
         if touching is not None:
             x, y, theta = belief.pose[0].tolist()
-            turn = complex(math.cos(theta), math.sin(theta))
-            point = _as_vector(complex(x, y) + turn * touching.point)
-            normal = _as_vector(turn * touching.normal / abs(touching.normal))
+            rotation = complex(math.cos(theta), math.sin(theta))
+            point = _as_vector(complex(x, y) + rotation * touching.point)
+            normal = _as_vector(rotation * touching.normal / abs(touching.normal))
         return Estimate(
             time=time,
             pose=belief.pose[0].copy(),

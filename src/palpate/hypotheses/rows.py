@@ -43,7 +43,7 @@ class Hypotheses(RowArrays):
     next_alarm: Integers
     """First step of the contact at which an alarm is of something new, (B,)."""
     origin: NDArray[np.str_]
-    """Where it comes from, an `Origin`, (B,)."""
+    """Event that added it, an `Origin`, (B,)."""
 
     def __len__(self) -> int:
         return len(self.weight)
@@ -51,6 +51,8 @@ class Hypotheses(RowArrays):
     @property
     def whole_belief(self) -> Belief:
         """Belief with the unobservable yaw."""
+        if not self.unobservable_yaw.any():
+            return self.belief
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * _YAW_ONLY)
 
     @property

@@ -9,6 +9,8 @@ from palpate.arrays import Array
 from palpate.hypotheses.rows import Hypotheses
 from palpate.models.pushing.priors import ObjectPrior
 
+LIKELY_WEIGHT = 0.1
+"""Weight from which a hypothesis is likely: it makes an estimate ambiguous, and is watched for disturbances."""
 _COUNTED_SHARE = 0.3
 """Share of the costs that counts: weights are then right as often as they say."""
 

@@ -123,7 +123,7 @@ class InputGate:
         self._poses.check_time(frame.time)
 
     def _look_at(self, time: float, image: Image, clearance: Clearance | None, refuses_grey: bool) -> "_Seen":
-        """Return what an image shows; raises FrameError if it cannot be used."""
+        """Return the contact that an image shows; raises FrameError if it cannot be used."""
         image = self._detector.read(image)
         shows_touch = self._shows_touch(time, image, clearance, refuses_grey)
         touches_since_start = self._touches_before_gel_is_known(clearance, shows_touch)

@@ -11,7 +11,7 @@ from palpate.arrays import Array, Flags
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
 """Reliability of an estimate, which `docs/guide/status.md` describes; `palpate.status` decides it."""
 Origin = Literal["as before", "first contact", "shove", "mirrored images", "rough start"]
-"""Where a hypothesis comes from.
+"""Event that added a hypothesis.
 
 - as before: nothing unusual has happened to the pose that was given or found before.
 - first contact: another place of the outline at which a contact may have begun.
@@ -41,7 +41,7 @@ class Answer:
     weight: float
     """Probability among all answers, from 0 to 1."""
     origin: Origin = "as before"
-    """Where it comes from, if there are several answers."""
+    """Event that added it, if there are several answers."""
 
 
 Answers = tuple[tuple[Answer, ...], ...]
@@ -54,7 +54,7 @@ def count_origins(answers: Iterable[Answer]) -> dict[Origin, int]:
 
 
 def origins_text(answers: Sequence[Answer]) -> str:
-    """Return where several answers come from, as "as before 1; shove 4"; empty for a single one."""
+    """Return the origins of several answers in words, as "as before 1; shove 4"; empty for a single one."""
     if len(answers) < 2:
         return ""
     return "; ".join(f"{origin} {count}" for origin, count in count_origins(answers).items())

@@ -61,7 +61,7 @@ def write_page(run: Run, path: Path) -> None:
 
 
 def ambiguity_text(shares: Mapping[Origin, float]) -> str:
-    """Return why a run was ambiguous, a line for each origin with its share of the ambiguous frames; else ""."""
+    """Return the causes of a run's ambiguity, a line for each with its share of the ambiguous frames, or ""."""
     lines = [f"{share:>16.0%}  {ORIGINS[origin]}" for origin, share in shares.items()]
     return "\n".join(("share of ambiguous frames with answers by", *lines, "")) if lines else ""
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array, Complex, Flags, Integers
 from palpate.config import UNLIKELY
 from palpate.geometry import se2
-from palpate.hypotheses.outline_places import WIDEST_TURN, is_round, outline_places
+from palpate.hypotheses.outline_places import WIDEST_NORMAL_STEP, is_round, outline_places
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import ContactModel
 from palpate.models.pushing.measurements import Step
@@ -95,8 +95,9 @@ def beliefs_at_places(
     prior = beliefs.take(searched)
     places = _places_of_contact(prior, touch_sign[searched], model, step)
     guess = is_guess[searched][places.parent]
+    # Both Gaussians in the axes of the world. What one of them does not know of yaw, the other one tells.
     prior_covariance = prior.pose_covariance.copy()
-    place_covariance = places.covariance
+    place_covariance = places.covariance.copy()
     if is_round(model):
         place_covariance[guess, 2, 2] = prior_covariance[places.parent[guess], 2, 2]
     else:
@@ -105,11 +106,13 @@ def beliefs_at_places(
     off[:, 2] = se2.wrap(off[:, 2])
     in_world = _in_turned_axes(prior_covariance, prior.pose[:, 2])[places.parent]
     joint = in_world + np.where(guess[:, None, None], 0.0, place_covariance)
+    # Likely places: those within some deviations of the belief.
     near = np.flatnonzero(np.square(off[:, 2]) < UNLIKELY**2 * joint[:, 2, 2])  # by yaw, no more than by all three
     information = np.linalg.pinv(joint[near], hermitian=True)  # a guess may be singular after a long doubt
     squared_distance = np.einsum("ni,nij,nj->n", off[near], information, off[near])  # [variances]
     is_near = squared_distance < UNLIKELY**2
     near = near[is_near]
+    # Their product.
     parent = places.parent[near]
     gain = place_covariance[near] @ information[is_near]
     log_of_product = np.where(guess[near], 0.0, 0.5 * np.linalg.slogdet(gain)[1])
@@ -192,22 +195,22 @@ def _contacts(belief: Belief, touch_sign: Array, model: ContactModel, step: Step
     is_certain = np.ones((1, 1, 1), np.bool_)
     if is_round(model) and directions:  # the place follows from yaw
         angle, _ = directions[0]
-        turn = -np.exp(1j * (yaw[:, 0] + angle[:, None])) / normal[:, :1]
-        turned = (center[:, :1] - model.friction_center) * turn + model.friction_center
-        return _Contacts(turned, normal[:, :1] * turn, yaw, is_certain)
+        rotation = -np.exp(1j * (yaw[:, 0] + angle[:, None])) / normal[:, :1]
+        rotated = (center[:, :1] - model.friction_center) * rotation + model.friction_center
+        return _Contacts(rotated, normal[:, :1] * rotation, yaw, is_certain)
     if is_round(model):
         return _Contacts(center, normal, yaw, is_certain)
     if directions:  # yaw follows from the place
         angle, _ = directions[0]
         return _Contacts(center, normal, (np.angle(-normal) - angle[:, None])[..., None], is_certain)
-    turns, is_likely = _likely_turns(np.sqrt(belief.pose_covariance[:, 2, 2]))
-    return _Contacts(center, normal, yaw + turns[:, None], is_likely[:, None])
+    yaw_offsets, is_likely = _likely_yaw_offsets(np.sqrt(belief.pose_covariance[:, 2, 2]))
+    return _Contacts(center, normal, yaw + yaw_offsets[:, None], is_likely[:, None])
 
 
-def _likely_turns(deviation: Array) -> tuple[Array, Flags]:
-    """Return turns (B, Y) [rad] of a yaw of this deviation (B,), and True where they are likely and not repeated."""
+def _likely_yaw_offsets(deviation: Array) -> tuple[Array, Flags]:
+    """Return offsets (B, Y) [rad] of a yaw of this deviation (B,), and True where they are likely and not repeated."""
     widest = np.minimum(2.0 * deviation, np.pi)
-    count = np.where(deviation < _KNOWN_YAW_SIGMA, 0, np.ceil(widest / WIDEST_TURN))[:, None]
+    count = np.where(deviation < _KNOWN_YAW_SIGMA, 0, np.ceil(widest / WIDEST_NORMAL_STEP))[:, None]
     most = count.max(initial=0.0)
     steps = np.arange(-most, most + 1.0)
     is_half_a_turn = (widest[:, None] >= np.pi) & (steps == count)  # which is the same as one the other way
@@ -217,7 +220,7 @@ def _likely_turns(deviation: Array) -> tuple[Array, Flags]:
 
 def _in_turned_axes(covariance: Array, angle: ArrayLike) -> Array:
     """Return covariances (..., 3, 3) of x, y and yaw in axes that are turned back by angles (...) [rad]."""
-    turn = np.zeros((*np.shape(angle), 3, 3))
-    turn[..., :2, :2] = se2.rotation(angle)
-    turn[..., 2, 2] = 1.0
-    return turn @ covariance @ np.swapaxes(turn, -1, -2)
+    rotation = np.zeros((*np.shape(angle), 3, 3))
+    rotation[..., :2, :2] = se2.rotation(angle)
+    rotation[..., 2, 2] = 1.0
+    return rotation @ covariance @ np.swapaxes(rotation, -1, -2)

@@ -28,6 +28,6 @@ def decide_mirrored(rows: Hypotheses) -> bool | None:
     return mirrored_weight > 0.5
 
 
-def takes_images(rows: Hypotheses, is_mirrored: bool) -> Flags:
+def takes_images_as(rows: Hypotheses, is_mirrored: bool) -> Flags:
     """Return True (B,) for the hypotheses that take images as mirrored, or for those that do not."""
     return np.asarray((rows.touch_sign < 0.0) == is_mirrored)

@@ -10,12 +10,11 @@ import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
 from palpate.hypotheses.rows import Hypotheses, origins
+from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.layout import NAMES
 from palpate.models.pushing.window import Window
 
-LIKELY_WEIGHT = 0.1
-"""Weight from which a hypothesis makes an estimate ambiguous and is watched for disturbances."""
 SHOVE_SIGMA = 0.012
 """[m] standard deviation of the slide over the sensor by which a hand moves the object."""
 STEPS_BEFORE_ALARM = 10
