@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.arrays import Array
 from palpate.compiled import is_cached
 from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError
@@ -131,6 +132,13 @@ class Tracker:
     def mirrored(self) -> bool:
         """True once touch images are taken as turned by half a turn or mirrored, as only so they fit the push."""
         return self._filter.is_mirrored
+
+    def variable(self, name: str) -> tuple[Array, Array]:
+        """Return a variable of the object as learnt so far, by the best answer: mean and standard deviation, (D,) each.
+
+        Names are those of `palpate.models.pushing.variables`, and of an extended model. Raises SettingError for others.
+        """
+        return self._filter.variable(name)
 
     @property
     def frame(self) -> Frame:

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.arrays import Array
 from palpate.config import TrackerSettings
-from palpate.errors import EstimationError
+from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.estimation.window import LAG
 from palpate.hypotheses.bank import HypothesisBank
@@ -111,6 +111,18 @@ class MultiHypothesisFilter:
         """Return the predicted distance of a sensor pose (3,) from the object."""
         gap, deviation = self._monitor.clearance(self._bank.rows.belief, sensor_pose)
         return Clearance(float(gap[0]), float(deviation[0]))
+
+    def variable(self, name: str) -> tuple[Array, Array]:
+        """Return mean and standard deviation, (D,) each, of a variable of the object in the best hypothesis.
+
+        Raises SettingError if there is none of this name.
+        """
+        belief = self._bank.rows.belief
+        places = {variable.name: place for variable, place in self._compiled.model.in_object.items()}
+        if name not in places:
+            raise SettingError(f"variable {name!r} is none of the object; known are {', '.join(places)}")
+        variances = belief.covariance[0].diagonal()[3:]
+        return belief.values[0, places[name]].copy(), np.sqrt(variances[places[name]])
 
     def step(self, frame: Frame, from_touch: Sequence[Measurement] = (), hidden_motion: float = 0.0) -> Posterior:
         """Take a frame, with measurements that were read from touch images, which may be mirrored.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.arrays import Complex
+from palpate.arrays import Array, Complex
 from palpate.models.pushing.contact_geometry import ContactModel
 
 WIDEST_NORMAL_STEP = 0.314
