@@ -43,9 +43,9 @@ if "scipy.linalg" not in sys.modules:
     del sys.modules["scipy.linalg"], sys.modules["scipy.linalg.cython_blas"]
 
 
-def kernel(function: F) -> F:
+def kernel(function: F, **options: Any) -> F:
     """Compile a function into the compiled functions that call it; Python cannot call it."""
-    return _jit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=_KernelCompiler)
+    return _jit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=_KernelCompiler, **options)
 
 
 def compiled(function: F, **options: Any) -> F:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels, Records
-from palpate.compiled import compiled
+from palpate.compiled import compiled, kernel
 from palpate.config import CONTACT_DETECTION
 
 Pixels = TypeVar("Pixels", bound=NDArray[Any])
@@ -195,11 +195,11 @@ def _change(image: Records, untouched: Records, light: Light) -> Records:
     return out
 
 
-_compiled_sums = partial(compiled, fastmath={"reassoc"})
-"""Compiles a function whose sums may be taken in any order, and so several terms at a time."""
+_IN_ANY_ORDER = {"reassoc"}
+"""Numba's option for a function whose sums may be taken in any order, and so several terms at a time."""
 
 
-@_compiled_sums
+@partial(compiled, fastmath=_IN_ANY_ORDER)
 def _fit_planes(cells: Levels, untouched: Levels, planes: Light) -> None:
     """Fit the planes (channels, 3) of the light in cells (channels, rows, columns), which are close already."""
     system = np.empty((3, 4))
@@ -214,7 +214,7 @@ def _fit_planes(cells: Levels, untouched: Levels, planes: Light) -> None:
                 break
 
 
-@_compiled_sums
+@partial(kernel, fastmath=_IN_ANY_ORDER)
 def _sum_normal_equations(cells: Levels, untouched: Levels, plane: Light, system: Light) -> None:
     """Set `system` (3, 4) to the normal equations of the step of a plane (3,), right side last, for one channel.
 
@@ -256,7 +256,7 @@ def _sum_normal_equations(cells: Levels, untouched: Levels, plane: Light, system
         system[2, 3] += r * y
 
 
-@_compiled_sums
+@partial(kernel, fastmath=_IN_ANY_ORDER)
 def _solve(system: Light) -> None:
     """Solve three symmetric equations (3, 4) by Gauss-Jordan elimination; the solution becomes the last column.
 
