@@ -105,3 +105,9 @@ def test_a_study_on_a_cluster(example, tmp_path):
     counts, *table = example("08_study_on_a_cluster.py", tmp_path, tmp_path / "report")
     assert counts == "4 runs of 2 recordings, 0 of them from before"
     assert [line.split(":")[0] for line in table] == ["none", "oracle"]
+
+
+def test_a_new_factor(example, tmp_path):
+    (line,) = example("09_new_factor.py", tmp_path)
+    mean, deviation = numbers(line)
+    assert abs(mean - 0.4) < 3.0 * deviation and deviation < 0.05  # half of the prior's is 0.1

@@ -1,6 +1,7 @@
 """The model of pushing for compiled code, and models that extend it."""
 
 import importlib.util
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -66,9 +67,10 @@ def extended_pushing(model: Model, path: Path | str) -> CompiledModel:
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             with whole_file(path, overwrite=True) as part:
                 part.write_text(text, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"palpate_generated_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise SettingError(f"{path}: is no Python file; its name must end in .py")
     code = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = code  # where Numba looks for it when it loads compiled code
     spec.loader.exec_module(code)
     return compiled_model(model, code, f"{path.stem}_{hash_of(path)}")
