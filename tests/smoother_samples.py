@@ -29,7 +29,7 @@ from palpate.models.pushing.variables import (
     OUTLINE_SCALE,
     TURN_OFFSET,
 )
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 
 Array = np.ndarray
 ROBUST = with_settings(
@@ -127,11 +127,11 @@ def settled(given: Contact, steps: int = 4) -> Contact:
     )
 
 
-def window_of(given: Contact, noise: NoiseSettings, lag: int = LAG, belief: Belief | None = None) -> Window:
+def window_of(given: Contact, noise: NoiseSettings, lag: int = LAG, belief: Belief | None = None) -> ContactWindow:
     """The window of a whole contact, by default of one hypothesis."""
     factors = settings_record(noise, given.model)
     known = given.prior if belief is None else belief
-    window = Window(factors, given.model, known, given.step(0), lag)
+    window = ContactWindow(factors, given.model, known, given.step(0), lag)
     for t in range(1, len(given.sensor)):
         window.add(given.step(t))
     return window

@@ -27,7 +27,7 @@ from palpate.models.pushing.variables import (
     FRICTION_RATIO,
     OUTLINE_SCALE,
 )
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 
 Array = np.ndarray
 STEPS, LAG = 16, 13  # the last steps marginalise
@@ -96,7 +96,7 @@ def estimated(drawn: DrawOf, touch: bool) -> tuple[Array, Array]:
     told += range(*IN_OBJECT[FRICTION_CENTER].indices(OBJECT_SIZE))
     for k in range(drawn.count):
         steps = [Step(given.sensor[t, k], said(t, k)) for t in range(STEPS + 1)]
-        window = Window(factors, MODEL, belief_at(given.first[k], PLAIN), steps[0], LAG)
+        window = ContactWindow(factors, MODEL, belief_at(given.first[k], PLAIN), steps[0], LAG)
         for step in steps[1:]:
             window.add(step)
         belief = window.belief()

@@ -15,7 +15,7 @@ from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import PLACE_BIAS
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 
 SQUARE = contact_model(Rectangle(0.09, 0.09), GELSIGHT_MINI)
 DISC = contact_model(Disc(0.05), GELSIGHT_MINI)
@@ -103,7 +103,7 @@ def test_what_all_places_are_off_by_is_learnt_where_the_pose_is_known():
     first, way = np.array([-0.05, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0])
     belief = Belief(np.zeros((1, 3)), object_prior(settings.priors).mean[None], np.diag(sure**2)[None])
     said = [ContactPlace(touch(DISC, *first)["material"].imag + 1e-3, 1e-8)]
-    contact = Window(settings_record(settings, DISC), DISC, belief, Step(first, said))
+    contact = ContactWindow(settings_record(settings, DISC), DISC, belief, Step(first, said))
     for step in range(1, 8):
         contact.add(Step(first + step * way, said))
     known = contact.belief()

@@ -28,7 +28,7 @@ from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import FRICTION_CENTER, FRICTION_RATIO, GRIP
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 
 Array = np.ndarray
 MODEL = model_of("rectangle")
@@ -71,7 +71,7 @@ def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belie
     """The belief at the end of a contact in which directions are felt, its error along the side [m] and its NEES."""
     told = directions(se2.between(o, e), seed)
     seen = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
-    window = Window(settings_record(noise, MODEL), MODEL, belief_at(o[0], noise), Step(seen[0], told[:1]))
+    window = ContactWindow(settings_record(noise, MODEL), MODEL, belief_at(o[0], noise), Step(seen[0], told[:1]))
     for k in range(1, len(seen)):
         window.add(Step(seen[k], [told[k]]))
     belief = window.belief()

@@ -13,7 +13,7 @@ from palpate.models.pushing.layout import IN_SHARED, NAMES
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import DIRECTION_BIAS, DIRECTION_SCALE
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 
 ENDLESS = 10**6
 
@@ -26,7 +26,7 @@ def apart_from(given, belief: Belief, offsets) -> Belief:
     return replace(rows, pose=se2.compose(rows.pose, se2.exp(np.asarray(offsets, float))))
 
 
-def states(window: Window, row: int):
+def states(window: ContactWindow, row: int):
     """All that a row says."""
     belief = window.belief().take([row])
     return (
@@ -38,14 +38,16 @@ def states(window: Window, row: int):
     )
 
 
-def assert_same(window: Window, row: int, other: Window, other_row: int = 0, tolerance: float = 0.0) -> None:
+def assert_same(
+    window: ContactWindow, row: int, other: ContactWindow, other_row: int = 0, tolerance: float = 0.0
+) -> None:
     for one, two in zip(states(window, row), states(other, other_row), strict=True):
         np.testing.assert_allclose(one, two, rtol=tolerance, atol=tolerance)
 
 
-def without_touch(given, at: int, seen: ObjectPose) -> Window:
+def without_touch(given, at: int, seen: ObjectPose) -> ContactWindow:
     """The window of a contact in which only one object pose is measured, in step `at`."""
-    window = Window(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
+    window = ContactWindow(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
     for t in range(1, len(given.sensor)):
         window.add(Step(given.sensor[t], [seen] if t == at else [], times=[k / 30 for k in range(t + 1)]))
     return window
@@ -126,8 +128,8 @@ def test_mirrored_touch_is_read_with_the_opposite_sign():
 
     both = given.prior.take([0, 0])
     first = Step(given.sensor[0], given.said(0), from_touch=2)
-    window = Window(factors, given.model, both, first, sign=np.array([1.0, -1.0]))
-    as_told = Window(factors, given.model, given.prior, Step(given.sensor[0], mirrored(0)))
+    window = ContactWindow(factors, given.model, both, first, sign=np.array([1.0, -1.0]))
+    as_told = ContactWindow(factors, given.model, given.prior, Step(given.sensor[0], mirrored(0)))
     camera = ContactDirection(0.01, 1.0)  # of somebody else: not mirrored
     for t in range(1, 31):
         window.add(Step(given.sensor[t], [*given.said(t), camera], from_touch=len(given.said(t))))
@@ -150,15 +152,15 @@ def test_a_belief_that_is_no_gaussian_has_no_solution():
     factors, beliefs = settings_record(ROBUST, given.model), given.prior.take([0, 0])
     beliefs.covariance[1, 0, 0] = -1.0
     with pytest.raises(EstimationError, match="indeterminate"):
-        Window(factors, given.model, beliefs.take([1]), Step(given.sensor[0]))
-    window = Window(factors, given.model, beliefs, Step(given.sensor[0]))
+        ContactWindow(factors, given.model, beliefs.take([1]), Step(given.sensor[0]))
+    window = ContactWindow(factors, given.model, beliefs, Step(given.sensor[0]))
     assert window.rows["is_lost"].tolist() == [False, True]
 
 
 def test_costs_and_surprise_by_hand():
     """One measurement: half the square of the direction's error, and of the sensor's and contact's, which are small."""
     given = contact(4, ROBUST)
-    window = Window(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
+    window = ContactWindow(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
     for step in range(1, 5):
         assert (window.rows["surprise"] == 0.0).all()
         said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)] if step == 4 else []

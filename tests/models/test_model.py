@@ -79,6 +79,17 @@ def test_a_wrong_residual_is_named(residual, sentence):
     assert sentence in str(error.value)
 
 
+def test_a_robust_kernel_without_a_scale_is_named():
+    with pytest.raises(SettingError, match=r"'push_force' has a robust kernel, .* settings= names one of contact, "):
+        with_factor(lambda depth: (depth,), kernel="each")
+    assert "settings.contact.kernel" in with_factor(lambda depth: (depth,), kernel="each", settings="contact")
+
+
+def test_a_variable_of_three_numbers_is_no_vector():
+    with pytest.raises(SettingError, match=r"variable 'wrench' has dimension 3; allowed are \(1, 2\)"):
+        Variable("wrench", "contact", 3)
+
+
 def test_factors_of_pairs_come_first():
     with pytest.raises(SettingError, match="factors of pairs of steps come first"):
         type(MODEL)(MODEL.variables, MODEL.factors[::-1], MODEL.geometry, MODEL.step_numbers, MODEL.step_poses)

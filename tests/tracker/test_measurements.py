@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import planar
 import pytest
+import scipy.optimize
 from push_samples import frames, pushed, with_settings
 from tracker_samples import (
     CALIBRATED,
@@ -302,3 +303,28 @@ def test_numbers_may_be_arrays_of_one():
 def test_what_touch_tells_is_numbers(kind, given):
     with pytest.raises(EstimationError, match=r"its numbers must be finite, the variance above 0"):
         kind(*given)
+
+
+def test_at_rest_a_measured_pose_is_fused_exactly():
+    # The most likely pose, by SciPy: both Gaussians are on the manifold, and yaw is rough enough that they bend.
+    first = np.array([0.4, 0.1, 0.3])
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(3, 3)) * [0.01, 0.01, 0.15]
+    covariance = root.T @ root + np.diag([1e-5, 1e-5, 1e-3])
+    measured = planar.compose(first, np.array([0.012, -0.008, 0.2]))
+    measured_covariance = np.diag(np.square([3e-3, 3e-3, 0.08]))
+    tracker = palpate.Tracker(palpate.Rectangle(0.2, 0.1), palpate.DIGIT, first, first_pose_sigma=covariance)
+    tracked = tracker.update(
+        Frame(0.0, np.array([0.0, 0.3, 0.0]), contact=False), [ObjectPose(measured, measured_covariance)]
+    )
+
+    def residuals(change: Array) -> Array:
+        pose = planar.compose(first, planar.exp(change))
+        before = np.linalg.solve(np.linalg.cholesky(covariance), planar.log(planar.between(first, pose)))
+        seen_off = planar.log(planar.between(measured, pose))
+        return np.concatenate([before, np.linalg.solve(np.linalg.cholesky(measured_covariance), seen_off)])
+
+    best = scipy.optimize.least_squares(residuals, np.zeros(3), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    exact = planar.compose(first, planar.exp(best.x))
+    off = planar.log(planar.between(exact, tracked.pose))
+    assert (np.abs(off) < 1e-4 * np.sqrt(np.diag(tracked.covariance))).all()

@@ -72,7 +72,8 @@ class Given(NamedTuple):
     settings: Records
     """Settings that factors read, (1,)."""
     drift: Array
-    """Variances by which numbers of the last step and shared variables change from step to step."""
+    """Variances by which numbers of the last step and shared variables change from step to step; within the window
+    these count as constant."""
     surface: Any
     """The surfaces in contact, from which steps are prepared."""
     places: Array

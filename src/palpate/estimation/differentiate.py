@@ -4,6 +4,10 @@ SymPy differentiates each line; the chain rule joins them. So the derivatives ta
 the residual, where derivatives of the residual as one expression would repeat its parts in each of them.
 """
 
+# SymPy has no types: what it returns is unknown.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false
+
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 

@@ -52,7 +52,7 @@ class Factor:
     settings: str = ""
     """Group of `NoiseSettings` that is `noise`; by default the name of the factor, if there is one."""
     kernel: Kernel = "none"
-    """Robust kernel."""
+    """Robust kernel. Its scale is `noise.kernel`, so that the settings need this field, and the rows need variances."""
     role: Role = "measurement"
     """Side of the evidence."""
     weight: Callable[..., Scalar] | None = None

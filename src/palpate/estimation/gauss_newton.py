@@ -15,8 +15,8 @@ from palpate.estimation.eliminate import inflate
 from palpate.estimation.innovations import make_put_innovations, make_put_process_innovations, make_put_surprise
 
 CONVERGED = 5e-5
-"""[m], [rad] Largest change of a variable of a step that ends the iterations: with six times as much, real pushes end
-worse."""
+"""[m], [rad] Largest change of a variable of a step that ends the iterations. With a limit six times as large, real
+pushes are tracked worse."""
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a robust kernel that counts as all
 
 
@@ -34,7 +34,7 @@ def make_improve(model: Functions, name: str) -> Callable[..., None]:
         changing: Flags,
         iterations: int,
     ) -> None:
-        """Take Gauss-Newton steps of the rows that are `changing` (B,) until each has converged, which clears its flag.
+        """Take Gauss-Newton steps of the rows that are `changing` (B,); one that converged or is lost is cleared of it.
 
         Steps are (B, N), after `left` that have left the window, rows (B,) and terms (T,); see `estimation.records`. A
         row takes so many iterations at most.
@@ -67,7 +67,7 @@ def make_improve_row(model: Functions) -> Any:
         given: Given,
         iterations: int,
     ) -> bool:
-        """Take Gauss-Newton steps of one row; return True if it has not converged yet."""
+        """Take Gauss-Newton steps of a row; return True if it still changes, False once converged or lost."""
         surface = given.surface
         work = given.work[0]
         is_changing = True

@@ -1,7 +1,11 @@
 """Compiled code from a model: each factor's residual and weight, and the derivatives that SymPy takes of them.
 
-Used at development time, by `make kernels`; running the tracker needs the written file only.
+Used by `make kernels`, and by `models.pushing.compiled.extended_pushing`; a written file is used without it.
 """
+
+# SymPy has no types: what it returns is unknown.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false
 
 import inspect
 from collections import Counter
@@ -13,6 +17,7 @@ import sympy
 from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.pycode import PythonCodePrinter
 
+from palpate.errors import SettingError
 from palpate.estimation.differentiate import Derivatives, with_calls_named
 from palpate.estimation.factor import Factor
 from palpate.estimation.model import Model
@@ -21,7 +26,8 @@ from palpate.manifolds.symbolic import FUNCTIONS
 
 HEADER = '''"""Compiled code of the model in `{source}`: written by `make kernels`, not by hand.
 
-Each function writes the linearised rows of a factor to `out` and returns their number; see `estimation.records.LINEAR`.
+Each function writes the linearised rows of a factor to `out` and returns their number; see
+`estimation.records.linear_type`.
 {columns}
 """
 
@@ -118,9 +124,17 @@ def generate(model: Model, settings: np.dtype, source: str) -> str:
     parts = [HEADER.format(source=source, columns="\n".join(_columns(model)), lookups=lookups)]
     parts.extend(_step_functions(model))
     parts.extend(_factor_function(model, settings, factor) for factor in model.factors)
-    parts.append(_dispatch(model, "linearise_step", STEP_ARGUMENTS, lambda factor: factor.steps is not None))
-    parts.append(_dispatch(model, "linearise_measured", MEASURED_ARGUMENTS, lambda factor: factor.steps is None))
+    parts.append(_dispatch(model, "linearise_step", STEP_ARGUMENTS, _is_of_step))
+    parts.append(_dispatch(model, "linearise_measured", MEASURED_ARGUMENTS, _is_measured))
     return "\n\n".join(part.strip("\n") + "\n" for part in parts)
+
+
+def _is_of_step(factor: Factor) -> bool:
+    return factor.steps is not None
+
+
+def _is_measured(factor: Factor) -> bool:
+    return factor.steps is None
 
 
 def _columns(model: Model) -> Iterable[str]:
@@ -184,6 +198,7 @@ def _step_functions(model: Model) -> Iterable[str]:
 
 def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
     """Return the text of the function that linearises a factor."""
+    _check(factor, settings)
     symbols = Symbols(model, settings, factor)
     arguments = symbols.arguments()
     residual = [sympy.sympify(row) for row in _called(factor.residual, arguments)]
@@ -207,7 +222,8 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
         lines.append(f"    {names} = {factor.lookup.__name__}(now, places)")
     if condition:
         lines.extend(code.loads(condition))
-        lines.append(f"    if not ({code.doprint(condition[0])}):")
+        text = str(code.doprint(condition[0]))
+        lines.append(f"    if not {text if text.startswith('(') else f'({text})'}:")
         lines.append("        return 0")
     lines.extend(code.loads([*outputs, *(value for _, value in assignments), *_values(jacobian)]))
     lines.extend(f"    {name} = {code.doprint(value)}" for name, value in assignments)
@@ -217,6 +233,22 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
     lines.extend(_weights(factor, code, outputs[count:], count))
     lines.append(f"    return {count}")
     return "\n".join(lines)
+
+
+def _check(factor: Factor, settings: np.dtype) -> None:
+    """Raise SettingError on a robust kernel that has no scale, or no rows to act on."""
+    if factor.kernel == "none":
+        return
+    group = factor.settings or factor.name
+    has_scale = group in (settings.names or ()) and "kernel" in (settings[group].names or ())
+    if not has_scale:
+        groups = [name for name in settings.names or () if "kernel" in (settings[name].names or ())]
+        raise SettingError(
+            f"factor {factor.name!r} has a robust kernel, and the settings {group!r} have no scale for it; "
+            f"settings= names one of {', '.join(groups)}"
+        )
+    if factor.variance is None:
+        raise SettingError(f"factor {factor.name!r} has a robust kernel, which needs a variance for each row")
 
 
 def _values(jacobian: Sequence[dict[int, sympy.Expr]]) -> list[sympy.Expr]:

@@ -44,7 +44,7 @@ def make_put_innovations(model: Functions) -> Any:
 
     @kernel
     def put_innovations(steps: Records, left: int, row: Records, terms: Records, own: Own, given: Given) -> None:
-        """Write the innovations of factors of the last step, of terms that arrived with it, and of own measurements."""
+        """Write the innovations of the last step's factors and own measurements, and of terms that arrived with it."""
         settings = given.settings[0]
         out = given.work[0].linear
         last = len(steps) - 1
@@ -87,7 +87,7 @@ def make_put_innovation(model: Functions) -> Any:
 
         The residual r once all is fused, and the variance a = H P H' that is left of it, give the innovation
         r R / (R - a) before the row was fused with variance R, and the variance a R / (R - a) of what was predicted.
-        There is none where nothing else predicts the row. A `stated` variance of 0 is that of the settings.
+        There is none where nothing else predicts the row. A `stated` variance of 0 stands for that of the settings.
         """
         size = model.step_size
         surprise = steps[len(steps) - 1].surprise

@@ -4,6 +4,10 @@ A residual is called with these once, when code is generated. A pose moves by ri
 position by R(theta) d and its angle by d_theta, so the derivatives of its five symbols are linear in cosine and sine.
 """
 
+# SymPy has no types: what it returns is unknown.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownLambdaType=false
+
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -113,7 +117,7 @@ class Symbols:
         """Return a number or a vector of the contact geometry, with its derivatives."""
         is_vector = self.model.geometry[name].kind == "c"
         parts = ("real", "imag") if is_vector else ("",)
-        symbols = []
+        symbols: list[Any] = []
         for part, axis in zip(parts, ("x", "y"), strict=False):
             suffix = f".{part}" if part else ""
             label = f"{step}_{name}_{axis}" if part else f"{step}_{name}"

@@ -8,7 +8,7 @@ leaves the window leaves a Gaussian on the next step and the shared variables (S
 step was before the last Gauss-Newton step. With an unlimited lag this is the batch solution.
 """
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from palpate.estimation.rows import Indices
 from palpate.types.measurements import OwnMeasurement
 
 LAG = 40
-"""Steps in a sliding window: 20 or 30 lose a little."""
+"""Steps in a sliding window. With 20 or 30 the estimates are slightly less accurate."""
 ITERATIONS = 4
 """Largest number of Gauss-Newton steps in a frame. With fewer, innovations of two standard deviations take two frames
 to be fused."""
@@ -47,22 +47,15 @@ class Window:
     def __init__(
         self,
         compiled: CompiledModel,
-        settings: NDArray[np.void],
-        surface: Any,
-        places: Array,
-        drift: Array,
+        given: Given,
         steps: NDArray[np.void],
         rows: NDArray[np.void],
         lag: int,
         own: OwnMeasurements,
     ) -> None:
-        """Take the first step (B, 1) and the rows (B,), and the model with what its factors read.
-
-        `drift` are the variances by which numbers of a step and the shared variables change from step to step; within
-        the window these count as constant.
-        """
+        """Take the first step (B, 1) and the rows (B,), and the model with what its factors read."""
         self._compiled = compiled
-        self._given = Given(settings, drift, surface, places, np.zeros(1, compiled.records.work))
+        self._given = given
         self._lag = lag
         self._steps = steps
         self.rows: NDArray[np.void] = rows

@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.estimation.rows import Indices
 from palpate.hypotheses.rows import Hypotheses
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 
 
 class HypothesisBank:
@@ -13,7 +13,7 @@ class HypothesisBank:
     def __init__(self, rows: Hypotheses) -> None:
         self.rows = rows
         """State of each hypothesis."""
-        self.window: Window | None = None
+        self.window: ContactWindow | None = None
         """The graph of the contact, in all hypotheses; None between contacts."""
 
     def __len__(self) -> int:

@@ -42,7 +42,7 @@ from palpate.models.pushing.measurements import Step, step_of, timely
 from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 from palpate.status import MIRRORED
 from palpate.types.estimate import Clearance
 from palpate.types.measurements import ContactDirection, Frame, Measurement, ObjectPose
@@ -68,20 +68,20 @@ class MultiHypothesisFilter:
 
         `compiled` are the variables and factors of pushing, or those of an extended model.
         """
-        self._model = model
+        self._contact_model = model
         self._settings = settings.noise
         self._most = settings.hypotheses
         self._disturbance_rate = settings.disturbance_rate  # [1/s]
         self._compiled = compiled
         self._prior = object_prior(settings.noise.priors, compiled.model)
-        self._factors = settings_record(settings.noise, model)
+        self._settings_record = settings_record(settings.noise, model)
         self._lag = LAG if settings.smoother == "fixed-lag" else _UNLIMITED_LAG
         length, angle = settings.tolerance
         self._tolerance = Tolerance(length, math.inf if is_round(model) else angle)
         self._monitor = ConsistencyMonitor(model, settings.noise)
         self._weigher = Weigher(self._prior)
         self._own = OwnMeasurements(model=compiled.model)
-        self._rest_graph = Graph(self._factors, model, self._own, compiled)
+        self._rest_graph = Graph(self._settings_record, model, self._own, compiled)
         self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
         """True if touch images are taken as turned by half a turn or mirrored."""
@@ -95,7 +95,7 @@ class MultiHypothesisFilter:
         belief = Belief(pose[None], self._prior.mean[None], joint[None])
         self._bank = HypothesisBank(single_hypothesis(belief, touch_sign=-1.0 if self.is_mirrored else 1.0))
         # The object is found once there was one hypothesis that is sure.
-        self._is_found = not is_rough(belief, self._model)[0]
+        self._is_found = not is_rough(belief, self._contact_model)[0]
         self._sensor_pose: Array | None = None  # at the last frame
         self._touched: Array | None = None  # sensor pose at the last frame of contact
         self._has_begun_anew = False
@@ -218,10 +218,10 @@ class MultiHypothesisFilter:
             bank.rows = propose_mirrored(bank.rows)
         bank.rows = self._monitor.test_first_contact(bank.rows, step.sensor_pose)
         bank.rows = self._with_places(bank.rows, step)
-        bank.rows = bank.rows.with_yaw_held_out(is_observable=measures_pose or not is_round(self._model))
-        bank.window = Window(
-            self._factors,
-            self._model,
+        bank.rows = bank.rows.with_yaw_held_out(is_observable=measures_pose or not is_round(self._contact_model))
+        bank.window = ContactWindow(
+            self._settings_record,
+            self._contact_model,
             bank.rows.belief,
             step,
             self._lag,
@@ -244,9 +244,9 @@ class MultiHypothesisFilter:
         if self._most == 1:
             return replace(rows, belief=displaced)
         propose = propose_first_contact if self._is_found else propose_rough_start
-        return propose(rows, rest, displaced, self._model, step)
+        return propose(rows, rest, displaced, self._contact_model, step)
 
-    def _continue_contact(self, step: Step, window: Window) -> bool:
+    def _continue_contact(self, step: Step, window: ContactWindow) -> bool:
         """Take the next frame of a contact in all hypotheses; see `_begin_contact`."""
         measures_pose = self._test_object_poses(step, window.object_path())
         is_disturbed = self._bank.rows.disturbed_steps_left > 0
@@ -255,7 +255,7 @@ class MultiHypothesisFilter:
         self._has_begun_anew = False
         return measures_pose
 
-    def _after_solution(self, step: Step, window: Window, measures_pose: bool) -> None:
+    def _after_solution(self, step: Step, window: ContactWindow, measures_pose: bool) -> None:
         """Take the solution of a step into the hypotheses, and propose, weigh and reduce them."""
         bank = self._bank
         bank.rows = replace(
@@ -300,7 +300,7 @@ class MultiHypothesisFilter:
         self._bank.rows = self._monitor.test_object_poses(self._bank.rows, expected, measured, moved)
         return True
 
-    def _branch_at_alarms(self, window: Window) -> None:
+    def _branch_at_alarms(self, window: ContactWindow) -> None:
         """Add hypotheses that something else moved the object, where touch and pushing contradict each other."""
         bank = self._bank
         shove = propose_shove(bank.rows, disturbance_alarms(window), self._steps)
@@ -315,7 +315,7 @@ class MultiHypothesisFilter:
         bank.rows = shoved(bank.rows, shove, window.belief(), self._steps, expected_shoves)
         bank.drop_lost()
 
-    def _weigh_and_reduce(self, window: Window) -> None:
+    def _weigh_and_reduce(self, window: ContactWindow) -> None:
         """Weigh all hypotheses, sort them and drop those not worth keeping."""
         bank = self._bank
         has_mirrors = bank.rows.has_mirrors
@@ -332,7 +332,7 @@ class MultiHypothesisFilter:
         if has_mirrors:
             self._decide_mirrored()
         if is_single and not self._is_found:
-            self._is_found = not is_rough(bank.rows.belief, self._model)[0]
+            self._is_found = not is_rough(bank.rows.belief, self._contact_model)[0]
 
     def _decide_mirrored(self) -> None:
         """Decide if touch images are mirrored once hardly any weight is left for the other way to take them."""

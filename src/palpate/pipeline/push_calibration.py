@@ -34,7 +34,7 @@ from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.variables import DEPTH, DIRECTION_BIAS, DIRECTION_SCALE, OUTLINE_SCALE
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of_recording
 from palpate.touch.background import first_frames
@@ -299,7 +299,7 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
             times = recording.time[max(index - LAG + 1, begin) : index + 1].tolist()
             step = Step(poses[index], measured, len(measured), times)
             if window is None:
-                window = Window(factors, model, belief, step, _ALL_STEPS, priors, np.array([sign]))
+                window = ContactWindow(factors, model, belief, step, _ALL_STEPS, priors, np.array([sign]))
             else:
                 window.add(step)
         assert window is not None

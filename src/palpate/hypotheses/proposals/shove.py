@@ -13,7 +13,7 @@ from palpate.hypotheses.rows import Hypotheses, origins
 from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.layout import NAMES
-from palpate.models.pushing.window import Window
+from palpate.models.pushing.window import ContactWindow
 
 SHOVE_SIGMA = 0.012
 """[m] standard deviation of the slide over the sensor by which a hand moves the object."""
@@ -48,7 +48,7 @@ class Shove:
         return np.arange(count, count + len(self.parents))
 
 
-def disturbance_alarms(window: Window) -> Flags:
+def disturbance_alarms(window: ContactWindow) -> Flags:
     """Return True (B,) where touch and pushing contradict each other."""
     mean_squares = window.rows["surprise"][:, _WATCHED_FACTORS]
     return np.asarray((mean_squares > _LIMITS).any(axis=1))

@@ -39,7 +39,7 @@ class Step:
         """
         bias = belief[DIRECTION_BIAS][:, 0]
         scale = belief[DIRECTION_SCALE][:, 0]
-        directions = []
+        directions: list[tuple[Array, float]] = []
         for index, measurement in enumerate(self.measurements):
             if not isinstance(measurement, ContactDirection):
                 continue
@@ -53,7 +53,7 @@ class Step:
 
 def timely(measurements: Sequence[Measurement], times: Sequence[float]) -> list[Measurement]:
     """Return the measurements without those of a time before or after all of these [s], which a warning names."""
-    kept = []
+    kept: list[Measurement] = []
     for measurement in measurements:
         time = getattr(measurement, "time", None)
         if time is None or times[0] - SLACK <= time <= times[-1] + SLACK:

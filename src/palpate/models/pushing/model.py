@@ -1,4 +1,4 @@
-"""The model of quasi-static pushing: its variables and factors. A new one of either is one line here.
+"""The model of quasi-static pushing: its variables and factors. A new one of either is an import and an entry here.
 
 After a change, `make kernels` writes `models/generated.py` anew.
 """

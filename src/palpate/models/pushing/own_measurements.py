@@ -7,6 +7,7 @@ perturbs o by `Ad_g d`, one of g by `-Ad_g d`.
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +31,13 @@ _LARGEST = 1e12  # [standard deviations]; the square of more could overflow
 class OwnMeasurements:
     """The user's own measurements in a window, with the result of the Jacobian check of each class."""
 
-    given: list[tuple[int, OwnMeasurement]] = field(default_factory=list)
+    given: list[tuple[int, OwnMeasurement]] = field(default_factory=list[tuple[int, OwnMeasurement]])
     """Measurements with their steps."""
     time: float = 0.0
     """Time of the last frame [s]."""
-    is_right: dict[type, bool] = field(default_factory=dict)
+    is_right: dict[type, bool] = field(default_factory=dict[type, bool])
     """Classes so far, and True if their Jacobian is the derivative of their residual."""
-    warned: set[type] = field(default_factory=set)
+    warned: set[type] = field(default_factory=set[type])
     """Classes that a warning has already named."""
     model: Model = MODEL
     """Variables that measurements may be of."""
@@ -132,12 +133,12 @@ def values_at(model: Model, g: Array, e: Array, shared: Array) -> dict[Variable,
 def check_own(measurement: OwnMeasurement) -> None:
     """Raise SettingError on a measurement whose variables, time or residual are missing or wrong."""
     name = type(measurement).__name__
-    on = getattr(measurement, "on", None)
+    on: Any = getattr(measurement, "on", None)
     if not any(callable(getattr(measurement, method, None)) for method in ("residual", "linearise")):
         raise SettingError(f"measurement {name} has no method residual(...) that returns its residual")
     if not isinstance(on, tuple | list):
         raise SettingError(f"measurement {name} is on {on!r}; it must be a tuple of names of variables")
-    for variable in on:
+    for variable in measurement.on:
         named(variable)
     check_time(name, measurement.time)
 
@@ -192,10 +193,10 @@ def _differences(measurement: OwnMeasurement, variables: Sequence[Variable], at:
     """Return the slopes of the residual before and after values of the variables, (2, R, C)."""
     size = 1e-6  # [m], [rad]
     middle, _ = _returned(measurement, at)
-    columns = []
+    columns: list[list[Array]] = []
     for index, variable in enumerate(variables):
         for step in size * np.eye(variable.dimension):
-            ends = []
+            ends: list[Array] = []
             for change in (-step, step):
                 value = at[index]
                 moved = se2.compose(value, change) if variable.scope == "step" else value + change

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
-from palpate.estimation.compiled_model import CompiledModel
+from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel
@@ -45,7 +45,8 @@ class RestWindow(PushingWindow):
         for k in range(pinned.start, pinned.stop):
             rows["past"]["information"][:, k, k] = _PINNED
         drift = np.zeros(compiled.model.last_size)
-        super().__init__(compiled, settings, model.surface, model.corners, drift, steps, rows, 1, own)
+        given = Given(settings, drift, model.surface, model.corners, np.zeros(1, compiled.records.work))
+        super().__init__(compiled, given, steps, rows, 1, own)
         self._join(*terms_of(compiled, step, 0), step.times[-1])
         self._solve(np.ones(len(rows), np.bool_))
         if self.rows["is_lost"].any():

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.arrays import Array
 from palpate.config import Priors
 from palpate.estimation import window
-from palpate.estimation.compiled_model import CompiledModel
+from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.rows import Indices
 from palpate.estimation.window import LAG
 from palpate.geometry import se2
@@ -32,7 +32,7 @@ class PushingWindow(window.Window):
         return Belief(pose, values, self.rows["covariance"].copy())
 
 
-class Window(PushingWindow):
+class ContactWindow(PushingWindow):
     """The graph of one contact over its last steps, in B hypotheses."""
 
     def __init__(
@@ -60,7 +60,8 @@ class Window(PushingWindow):
         sign = np.ones(len(belief)) if sign is None else sign
         own = OwnMeasurements(model=variables) if own is None else own
         steps, rows = begun(compiled, belief, step.sensor_pose, sign)
-        super().__init__(compiled, settings, model.surface, model.corners, drift, steps, rows, lag, own)
+        given = Given(settings, drift, model.surface, model.corners, np.zeros(1, compiled.records.work))
+        super().__init__(compiled, given, steps, rows, lag, own)
         self._has_turn = False
         self._solve_with(step, *terms_of(compiled, step, 0))
 
