@@ -222,8 +222,8 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
         lines.append(f"    {names} = {factor.lookup.__name__}(now, places)")
     if condition:
         lines.extend(code.loads(condition))
-        text = str(code.doprint(condition[0]))
-        lines.append(f"    if not {text if text.startswith('(') else f'({text})'}:")
+        lines.append(f"    applies = {code.doprint(condition[0])}")
+        lines.append("    if not applies:")
         lines.append("        return 0")
     lines.extend(code.loads([*outputs, *(value for _, value in assignments), *_values(jacobian)]))
     lines.extend(f"    {name} = {code.doprint(value)}" for name, value in assignments)

@@ -75,7 +75,8 @@ def put_rotations(now: Records) -> None:
 @kernel
 def sticking(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return the slide along x and y of the object [m]."""
-    if not (now.spread <= 0.0):
+    applies = (now.spread <= 0.0)
+    if not applies:
         return 0
     before_g_cos = before.turn_g.real
     before_g_sin = before.turn_g.imag
@@ -121,7 +122,8 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, out
 @kernel
 def balance(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `p x v - c^2 omega` [m^2]."""
-    if not (now.spread <= 0.0):
+    applies = (now.spread <= 0.0)
+    if not applies:
         return 0
     before_e_cos = before.turn_e.real
     before_e_sin = before.turn_e.imag
@@ -196,7 +198,8 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
 def friction_cone(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return the distance of the motion v outside the cone [m], on the side on which the contact slides."""
     noise_share = settings.friction_cone.share
-    if not (now.spread <= 0.0) and (noise_share < 1e+300):
+    applies = (now.spread <= 0.0) and (noise_share < 1e+300)
+    if not applies:
         return 0
     before_e_cos = before.turn_e.real
     before_e_sin = before.turn_e.imag
@@ -267,7 +270,8 @@ def friction_cone(before: Records, now: Records, row: Records, settings: Records
 def disturbed_slide(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return the slide along the outline, counter-clockwise, less the guessed one, and that across it [m]."""
     now_spread = now.spread
-    if not (now_spread > 0.0):
+    applies = (now_spread > 0.0)
+    if not applies:
         return 0
     before_g_cos = before.turn_g.real
     before_g_sin = before.turn_g.imag
@@ -326,7 +330,8 @@ def disturbed_slide(before: Records, now: Records, row: Records, settings: Recor
 def disturbed_turn(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `-c^2 omega` [m^2], with the nominal c."""
     now_spread = now.spread
-    if not (now_spread > 0.0):
+    applies = (now_spread > 0.0)
+    if not applies:
         return 0
     t0 = settings.support.radius**2
     t1 = -before.e[2] + before.g[2] + now.e[2] - now.g[2]
@@ -422,7 +427,8 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, o
 @kernel
 def sensor_pose(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `Log(measured^-1 e)` [m, m, rad]."""
-    if not (now.is_resting < 0.5):
+    applies = (now.is_resting < 0.5)
+    if not applies:
         return 0
     now_e_cos = now.turn_e.real
     now_e_sin = now.turn_e.imag
@@ -468,7 +474,8 @@ def sensor_pose(before: Records, now: Records, row: Records, settings: Records, 
 @kernel
 def contact(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
     """Return `gap + depth - scale extent` [m], positive if sensor and object are too far apart."""
-    if not (now.is_resting < 0.5):
+    applies = (now.is_resting < 0.5)
+    if not applies:
         return 0
     now_gap = now.touch.gap
     now_normal_x = now.touch.normal.real
@@ -569,7 +576,8 @@ def turn(now: Records, row: Records, term: Records, settings: Records, places: A
 def corner(now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records) -> int:
     """Return `psi - angle - slope (h - 45 deg) - bias` [rad], with psi within -h to h."""
     known_cos, known_sin, known_half = nearest_corner(now, places)
-    if not (known_half > 0.0):
+    applies = (known_half > 0.0)
+    if not applies:
         return 0
     now_normal_x = now.touch.normal.real
     now_normal_y = now.touch.normal.imag
