@@ -108,7 +108,8 @@ class _Cache(FunctionCache):
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Return what tells compiled functions of one file apart: signature, processor and bytecode.
 
-        Kernels that a function closes over are in the stamp of all sources; Numba's own key is another in each process.
+        Kernels that a function closes over are in the stamp of all sources. Numba's own key holds what they are in this
+        process, so that no other one finds the code (numba#6264).
         """
         code = hashlib.sha256(self._py_func.__code__.co_code).hexdigest()
         return sig, codegen.magic_tuple(), code
