@@ -64,6 +64,11 @@ def is_cached(function: Any) -> bool:
         return False
 
 
+def cache_folder(function: Any) -> str:
+    """Return the folder in which code of a compiled function is kept; empty where it cannot be."""
+    return getattr(function._cache, "cache_path", None) or ""
+
+
 def hash_of(path: Path) -> str:
     """Return a short hash of a file of generated code, for the names of functions that it is compiled into."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:12]

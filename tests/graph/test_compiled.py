@@ -79,3 +79,20 @@ def test_code_of_other_sources_is_compiled_anew(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "_sources", lambda: "a kernel in another file has changed")
     assert not is_cached(loaded(tmp_path)) and hits(loaded(tmp_path)) == 0
     assert hits(loaded(tmp_path)) == 1
+
+
+def test_numba_has_the_private_parts_that_compiled_py_uses():
+    import numba
+    from numba.core.caching import FunctionCache
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
+
+    used = {
+        FunctionCache: ("_index_key", "load_overload", "flush"),
+        JITCodeLibrary: ("finalize", "_get_module_for_linking"),
+        Compiler: ("define_pipelines",),
+    }
+    lacking = [
+        f"{owner.__name__}.{name}" for owner, names in used.items() for name in names if not hasattr(owner, name)
+    ]
+    assert not lacking, f"numba {numba.__version__} lacks {lacking}: mend compiled.py, then raise the ceiling of numba"

@@ -145,9 +145,10 @@ def warm_up() -> Report:
 
     Example: palpate warm-up
     """
+    from palpate.compiled import cache_folder
     from palpate.models.pushing.compiled import PUSHING
 
-    folder = PUSHING.improve._cache.cache_path  # pyright: ignore[reportFunctionMemberAccess]
+    folder = cache_folder(PUSHING.improve)
     if not folder:
         raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
     palpate.Tracker(palpate.Disc(0.05), palpate.DIGIT, None, palpate.TrackerSettings("learnt"))
