@@ -63,7 +63,7 @@ class Tracker:
         calibration or `is_view_known` says that images are upright, the tracker finds out if they are. `graph` are the
         variables and factors: those of pushing, or of a model that extends it.
 
-        The first tracker of a process takes half a second to load compiled code, the very first 12 s to compile it.
+        The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
         settings = settings or TrackerSettings()
@@ -189,7 +189,7 @@ class Tracker:
 def warm_up() -> None:
     """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
     if not is_cached(PUSHING.improve):
-        logger.warning("compiling the estimator: once for this version, some 12 s")
+        logger.warning("compiling the estimator: once for this version, some 20 s")
     model = contact_model(Disc(0.05), POINT)
     push = MultiHypothesisFilter(model, TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
     for step in range(2):

@@ -6,6 +6,7 @@ its `Functions` linearise factors and move variables; see `estimation.eliminate`
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from palpate.arrays import Array, Flags, Records
@@ -231,6 +232,7 @@ def make_write_next_past(model: Functions) -> Any:
     return write_next_past
 
 
+@cache
 def make_add(width: int) -> Any:
     """Return the compiled function that adds the rows of a factor to a system of this width."""
 
