@@ -188,7 +188,7 @@ class Verdict(NamedTuple):
 
 
 def decide(evidence: Evidence) -> Verdict:
-    """Return status and reason by the first row of the table that applies, with what is known of the stream."""
+    """Return the status of the first row that applies, and its reason, with doubts and weaknesses of the stream."""
     row = next(row for row in TABLE if row.applies(evidence))
     reason = row.reason(evidence)
     if not row.is_whole_reason:

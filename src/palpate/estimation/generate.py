@@ -153,47 +153,41 @@ def _to(first: int, count: int) -> str:
 
 
 def _step_functions(model: Model) -> Iterable[str]:
-    """Yield the functions that move a step, compare it with a past one, and write its rotations."""
+    """Yield the functions that move a step, copy it, compare it with a past one, and write its rotations."""
     steps = list(model.in_step.items())
-    move = [f"    exp_onto(now.{variable.field}, change[{place.start}:])" for variable, place in steps]
-    yield "\n".join(
-        [
-            "@kernel",
-            "def move_step(now: Records, change: Array) -> None:",
-            '    """Perturb the variables of a step by a tangent vector."""',
-            *move,
-        ]
+    move = [f"exp_onto(now.{variable.field}, change[{place.start}:])" for variable, place in steps]
+    yield _function(
+        "move_step(now: Records, change: Array) -> None",
+        "Perturb the variables of a step by a tangent vector.",
+        move,
     )
-    copy = [f"    past.{variable.field} = now.{variable.field}" for variable, _ in steps]
-    yield "\n".join(
-        [
-            "@kernel",
-            "def copy_step(now: Records, past: Records) -> None:",
-            '    """Copy the variables of a step to a past one."""',
-            *copy,
-        ]
+    copy = [f"past.{variable.field} = now.{variable.field}" for variable, _ in steps]
+    yield _function(
+        "copy_step(now: Records, past: Records) -> None",
+        "Copy the variables of a step to a past one.",
+        copy,
     )
-    compare = []
+    compare: list[str] = []
     for variable, place in steps:
-        compare.append(f"    between(past.{variable.field}, now.{variable.field}, error)")
-        compare.append(f"    log(error, change[{place.start} : {place.stop}])")
-    yield "\n".join(
-        [
-            "@kernel",
-            "def difference(past: Records, now: Records, error: Array, change: Array) -> None:",
-            '    """Write the tangent vector from a past step to this one; `error` is room."""',
-            *compare,
-        ]
+        compare.append(f"between(past.{variable.field}, now.{variable.field}, error)")
+        compare.append(f"log(error, change[{place.start} : {place.stop}])")
+    yield _function(
+        "difference(past: Records, now: Records, error: Array, change: Array) -> None",
+        "Write the tangent vector from a past step to this one; `error` is room.",
+        compare,
     )
-    rotations = [f"    now.turn_{variable.field} = rotation(now.{variable.field}[2])" for variable, _ in steps]
-    yield "\n".join(
-        [
-            "@kernel",
-            "def put_rotations(now: Records) -> None:",
-            '    """Write the rotations of the poses of a step."""',
-            *rotations,
-        ]
+    rotations = [f"now.turn_{variable.field} = rotation(now.{variable.field}[2])" for variable, _ in steps]
+    yield _function(
+        "put_rotations(now: Records) -> None",
+        "Write the rotations of the poses of a step.",
+        rotations,
     )
+
+
+def _function(signature: str, summary: str, lines: Sequence[str]) -> str:
+    """Return the text of a compiled function."""
+    body = "\n".join(f"    {line}" for line in lines)
+    return f'@kernel\ndef {signature}:\n    """{summary}"""\n{body}'
 
 
 def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:

@@ -6,7 +6,7 @@ and of the shared variables.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,10 +33,8 @@ class Model:
     """Further numbers of a step that factors read as `now.NAME`."""
     step_poses: tuple[str, ...] = ()
     """Known poses of a step that factors read as `now.NAME`."""
-    _by_name: dict[str, Variable] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_by_name", {variable.name: variable for variable in self.variables})
         for factor in self.factors:
             shared = [variable.name for variable in self.shared]
             for name in factor.variables:
