@@ -115,7 +115,7 @@ class Tracker:
             self._filter.end_contact(checked.unobserved_push)
         measured = self._measure(checked)
         posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion)
-        self._accept(checked)
+        self._accept(checked, measured)
         return self._estimate(checked, posterior)
 
     @property
@@ -158,7 +158,7 @@ class Tracker:
         corrected = self._correction.corrected(given)
         needs_clearance = self._gate.needs_clearance(given)
         clearance = self._filter.clearance(corrected.frame.sensor_pose) if needs_clearance else None
-        checked = self._gate.check(corrected, clearance, self._touch.reads_images, self._touch.needs_colours)
+        checked = self._gate.check(corrected, clearance, self._touch.reads_images, self._touch.needs_colours, self._filter.withdrawal)
         if checked.is_first:
             self._first.warn_if_far_from(checked.frame.sensor_pose)
         return checked
@@ -168,14 +168,14 @@ class Tracker:
         frame = checked.frame
         self._touch.choose(frame.image, checked.background)
         is_blind = checked.evidence.touches_since_start and self._touch.reads_images
-        if not frame.contact or is_blind:
+        if not frame.contact or is_blind or not checked.shows_touch:
             return ()
         measured = self._touch.read(frame, checked.background)
         return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
 
-    def _accept(self, checked: CheckedFrame) -> None:
+    def _accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
         """Make a frame the last one, now that it was used."""
-        self._gate.accept(checked)
+        self._gate.accept(checked, measured)
         self._correction.accept(checked.corrected)
 
     def _estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:

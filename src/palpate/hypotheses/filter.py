@@ -35,7 +35,7 @@ from palpate.hypotheses.reducer import reduced
 from palpate.hypotheses.rest import Graph, measured_at_rest
 from palpate.hypotheses.rows import Hypotheses, single_hypothesis
 from palpate.hypotheses.weigher import Weigher, cost_of_contact
-from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.belief import Belief, clearances
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel
 from palpate.models.pushing.measurements import Step, step_of, timely
@@ -111,6 +111,13 @@ class MultiHypothesisFilter:
         """Return the predicted distance of a sensor pose (3,) from the object."""
         gap, deviation = self._monitor.clearance(self._bank.rows.belief, sensor_pose)
         return Clearance(float(gap[0]), float(deviation[0]))
+
+    def withdrawal(self, sensor_pose: Array) -> float:
+        """Return the motion of the sensor out of the object since the last frame, if the object rests [m]."""
+        if self._sensor_pose is None:
+            return 0.0
+        gap, _ = clearances(self._bank.rows.belief, self._contact_model, np.stack([self._sensor_pose, sensor_pose]))
+        return float(gap[0, 1] - gap[0, 0])
 
     def variable(self, name: str) -> tuple[Array, Array]:
         """Return mean and standard deviation, (D,) each, of a variable of the object in the best hypothesis.

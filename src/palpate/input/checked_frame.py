@@ -37,5 +37,7 @@ class CheckedFrame:
     """Largest distance by which the object may have been pushed while it was not observed [m], if a contact ends."""
     background: Background | None
     """The untouched gel as known now; None before the first images, and without images."""
+    shows_touch: bool
+    """True if the contact shows in the image, or is given; False where it goes on unseen."""
     evidence: InputEvidence
     """Signs that the stream is faulty or weak, for the status."""

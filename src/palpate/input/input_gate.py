@@ -1,14 +1,16 @@
 """Input gate: refuses implausible frames and decides contact, before the estimator sees a frame."""
 
 import logging
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from palpate.arrays import Image
+from palpate.arrays import Array, Image
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FrameError, SettingError
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
 from palpate.input.pose_monitor import PoseMonitor
+from palpate.input.unseen_contact import UnseenContact
 from palpate.status import InputEvidence
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
@@ -16,7 +18,7 @@ from palpate.touch.cells import is_dark, is_grey
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import GREY
 from palpate.types.estimate import Clearance
-from palpate.types.measurements import Frame
+from palpate.types.measurements import Frame, Measurement
 from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
@@ -65,6 +67,7 @@ class InputGate:
         self._has_touched = False
         self._touches_since_start = False
         self._hidden_motion = 0.0
+        self._unseen = UnseenContact()
         self.last: Frame | None = None
         """The last accepted frame."""
 
@@ -74,6 +77,7 @@ class InputGate:
         clearance: Clearance | None = None,
         reads_images: bool = False,
         needs_colours: bool = False,
+        withdrawal: "Callable[[Array], float] | None" = None,
     ) -> CheckedFrame:
         """Return a frame with its image in the profile's view, contact as the image shows it, and what was found.
 
@@ -88,6 +92,10 @@ class InputGate:
         if frame.image is not None:
             refuses_grey = reads_images and needs_colours and self.last is None
             seen = self._look_at(frame.time, frame.image, clearance, refuses_grey)
+        is_seen = seen.contact
+        if seen.image is not None and not is_seen and self.last is not None and self.last.contact and withdrawal:
+            if self._unseen.goes_on(withdrawal(frame.sensor_pose)):
+                seen = seen._replace(contact=True)
         motion = self._poses.check_pose(frame.time, frame.sensor_pose, seen.contact)
         has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
         unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
@@ -95,6 +103,7 @@ class InputGate:
             self._detector.forget()  # the gel or the light has changed
             self._may_show_touch = False
             seen = _Seen(seen.image, False, False)
+            is_seen = False
         self._touches_since_start = seen.touches_since_start
         self._hidden_motion = motion.hidden
         sees_touch = seen.contact and seen.image is not None and not motion.was_unobserved
@@ -107,12 +116,17 @@ class InputGate:
             ends_contact=was_in_contact and (motion.was_unobserved or not seen.contact),
             unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,
             background=self.background,
+            shows_touch=is_seen,
             evidence=InputEvidence(motion.hidden, seen.touches_since_start, self._detector.doubt, weakness),
         )
 
-    def accept(self, checked: CheckedFrame) -> None:
+    def accept(self, checked: CheckedFrame, measured: Sequence[Measurement] = ()) -> None:
         """Make a checked frame the last one."""
         self.last = checked.frame
+        if not checked.frame.contact:
+            self._unseen.end()
+        elif checked.shows_touch:
+            self._unseen.see(measured, self._detector.share)
         self._has_touched = self._has_touched or bool(checked.frame.contact)
 
     def _check_time(self, frame: Frame) -> None:
