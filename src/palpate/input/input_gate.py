@@ -9,6 +9,7 @@ from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FrameError, SettingError
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
 from palpate.input.pose_monitor import PoseMonitor
+from palpate.input.touch_changes import TouchChanges
 from palpate.status import InputEvidence
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
@@ -60,6 +61,7 @@ class InputGate:
 
     def _begin(self) -> None:
         self._poses = PoseMonitor(self._rate)
+        self._changes = TouchChanges(self._rate)
         # The first images, taken as untouched, may show a touch.
         self._may_show_touch = self._detector.background is None
         self._has_touched = False
@@ -88,7 +90,11 @@ class InputGate:
         if frame.image is not None:
             refuses_grey = reads_images and needs_colours and self.last is None
             seen = self._look_at(frame.time, frame.image, clearance, refuses_grey)
-        motion = self._poses.check_pose(frame.time, frame.sensor_pose, seen.contact)
+        if seen.contact and seen.image is not None and self.background is not None:
+            self._changes.add(seen.image, self.background)
+        else:
+            self._changes.clear()
+        motion = self._poses.check_pose(frame.time, frame.sensor_pose, seen.contact, self._changes)
         has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
         unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
         if seen.image is not None and has_drawn_back:
