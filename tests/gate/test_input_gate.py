@@ -178,7 +178,9 @@ def test_a_sensor_that_draws_back_is_not_in_contact_whatever_its_image_shows():
     assert back == [True] * 4 + [False] * 4
 
 
-def pushing(rng: np.random.Generator, places: Sequence[float], imprints: Sequence[int], stands: int = 0) -> list[Estimate]:
+def pushing(
+    rng: np.random.Generator, places: Sequence[float], imprints: Sequence[int], stands: int = 0
+) -> list[Estimate]:
     """Estimates of a contact with the sensor at these places [frames of motion] and the imprint at these columns.
 
     Before it the robot stands at one exact pose for some frames, and comes near.
