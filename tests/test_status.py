@@ -66,3 +66,11 @@ def test_images_whose_orientation_is_open_are_named_where_all_is_well():
     mirrored = replace(KNOWN, takes_images_as_mirrored=True)
     assert "upside down or mirrored" in decide(Evidence(mirrored)).reason
     assert "upside down" not in decide(Evidence(replace(mirrored, is_displaced=True))).reason
+
+
+def test_a_yaw_of_more_than_half_a_turn_is_unknown():
+    rough = replace(KNOWN, is_beyond_tolerance=True)
+    assert "85 degrees" in decide(Evidence(replace(rough, yaw_deviation=0.74))).reason
+    for deviation in (1.6, 3360.0):
+        reason = decide(Evidence(replace(rough, yaw_deviation=deviation))).reason
+        assert "2 mm" in reason and "unknown" in reason and "degrees" not in reason

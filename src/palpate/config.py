@@ -242,9 +242,9 @@ class TrackerSettings(TrackerChoices):
     """Rate at which something else than the sensor moves the object while it is touched [1/s]. With a higher rate more
     disturbances are found, and more estimates are `ambiguous`."""
     tolerance: tuple[float, float] = (0.01, 0.105)
-    """Largest error of position [m] and yaw [rad] of a pose that is good enough, at two standard deviations: a worse
-    one is `uncertain`, and one with a likely alternative beyond it `ambiguous`. The default is 10 mm and 6 degrees,
-    as an object placed by hand has. The yaw of a round object does not count."""
+    """Largest error of the outline's centroid [m] and of yaw [rad] of a pose that is good enough, at two standard
+    deviations: a worse one is `uncertain`, and one with a likely alternative beyond it `ambiguous`. The default is
+    10 mm and 6 degrees, as an object placed by hand has. The yaw of a round object does not count."""
 
     def __post_init__(self) -> None:
         _check_choice("tactile", self.tactile, get_args(TactileChoice))

@@ -56,7 +56,7 @@ class PoseEvidence:
     in_contact: bool
     """True while the sensor touches the object."""
     position_deviation: float
-    """Standard deviation of the position along its least known axis [m]."""
+    """Standard deviation of the outline's centroid along its least known axis [m]."""
     yaw_deviation: float
     """Standard deviation of the yaw [rad]."""
     is_beyond_tolerance: bool
@@ -95,6 +95,11 @@ class StatusRow(NamedTuple):
     """True if nothing is added on the stream."""
 
 
+def is_unknown(yaw_deviation: float) -> bool:
+    """Return True for a standard deviation [rad] of a yaw that may be any: two of them are half a turn."""
+    return 2.0 * yaw_deviation >= math.pi
+
+
 def _contradiction(on: Evidence) -> str:
     if on.pose.contradicting_poses > 0.0:
         return f"measured object poses are up to {1e3 * on.pose.contradicting_poses:.0f} mm from the estimate"
@@ -115,6 +120,8 @@ def _ambiguity(on: Evidence) -> str:
 
 def _uncertainty(on: Evidence) -> str:
     position = f"{2e3 * on.pose.position_deviation:.0f} mm"
+    if is_unknown(on.pose.yaw_deviation):
+        return f"the pose is known to {position} at 95 %, its yaw is unknown"
     yaw = f"{math.degrees(2.0 * on.pose.yaw_deviation):.0f} degrees"
     return f"the pose is known to {position} and {yaw} at 95 %"
 

@@ -156,9 +156,7 @@ class Tracker:
         """Refuse implausible input, correct the sensor's pose, and decide contact."""
         given = with_checked_values(frame, measurements, self._tips)
         corrected = self._correction.corrected(given)
-        needs_clearance = self._gate.needs_clearance(given)
-        clearance = self._filter.clearance(corrected.frame.sensor_pose) if needs_clearance else None
-        checked = self._gate.check(corrected, clearance, self._touch.reads_images, self._touch.needs_colours, self._filter.withdrawal)
+        checked = self._gate.check(corrected, self._filter, self._touch.reads_images, self._touch.needs_colours)
         if checked.is_first:
             self._first.warn_if_far_from(checked.frame.sensor_pose)
         return checked

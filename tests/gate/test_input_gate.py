@@ -1,5 +1,6 @@
 """Input gate: implausible times and poses are refused, frozen poses detected, weak streams named; at 30 Hz."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -131,11 +132,28 @@ def test_a_robot_that_stands_is_not_frozen(places):
     assert all(estimate.status != "faulty" for estimate in found)
 
 
+def test_a_robot_that_stands_before_it_moves_may_be_frozen_later():
+    tracker = new_tracker()
+    for frame in range(20):
+        step(tracker, frame, at(-20), contact=False)
+    for frame in range(20, 60):
+        step(tracker, frame, at(frame - 40), contact=frame >= 40)
+    assert [step(tracker, frame, at(19)).status for frame in range(60, 75)][-1] == "faulty"
+
+
+def test_a_robot_that_stops_at_once_and_goes_on_from_there_is_not_frozen_later():
+    tracker = pushed(20)
+    assert [step(tracker, frame, at(19)).status for frame in range(20, 40)][-1] == "faulty"
+    found = [step(tracker, frame, at(frame - 20)) for frame in range(40, 60)]
+    found += [step(tracker, frame, at(39)) for frame in range(60, 80)]
+    assert "faulty" not in {estimate.status for estimate in found}
+
+
 # Images: a gel of three colours, with noise, and a square imprint.
-def image(rng: np.random.Generator, touched: bool = False, light: float = 1.0) -> np.ndarray:
+def image(rng: np.random.Generator, touched: bool = False, light: float = 1.0, place: int = 20) -> np.ndarray:
     levels = np.full((80, 60, 3), (90.0, 110.0, 130.0)) * light
     if touched:
-        levels[30:50, 20:40] += 40.0
+        levels[30:50, place : place + 20] += 40.0
     return np.clip(levels + rng.normal(size=levels.shape), 0, 255).astype(np.uint8)
 
 
@@ -158,6 +176,54 @@ def test_a_sensor_that_draws_back_is_not_in_contact_whatever_its_image_shows():
     assert found[-1].contact
     back = [seen(tracker, 60 + k, at(28 - k), rng, touched=True).contact for k in range(8)]
     assert back == [True] * 4 + [False] * 4
+
+
+def pushing(
+    rng: np.random.Generator, places: Sequence[float], imprints: Sequence[int], stands: int = 0
+) -> list[Estimate]:
+    """Estimates of a contact with the sensor at these places [frames of motion] and the imprint at these columns.
+
+    Before it the robot stands at one exact pose for some frames, and comes near.
+    """
+    tracker = new_tracker(SMALL_DIGIT)
+    approach = [-30.0] * stands + [*range(-30, 0)]
+    for frame, place in enumerate(approach):
+        seen(tracker, frame, at(place), rng)
+    start = len(approach)
+    return [
+        seen(tracker, start + k, at(place), rng, touched=True, place=imprint)
+        for k, (place, imprint) in enumerate(zip(places, imprints, strict=True))
+    ]
+
+
+def test_a_robot_that_waits_in_contact_is_not_frozen():
+    rng = np.random.default_rng(3)
+    places = [*range(25), *[24] * 60, *range(25, 50), *[49] * 30]
+    # The imprint moves with the sensor, and settles within three frames.
+    imprints = [min(place // 2, 20) for place in places]
+    imprints[25:28] = [13, 13, 12]
+    found = pushing(rng, places, imprints)
+    assert "faulty" not in {estimate.status for estimate in found}
+
+
+def test_a_pose_that_stands_while_the_touch_goes_on_changing_is_frozen():
+    rng = np.random.default_rng(4)
+    # The robot has waited before, slows down, and its pose freezes at a creep while the imprint goes on.
+    slower = [25.6, 26.2, 26.6, 27.0, 27.2]
+    places = [*range(25), *[24] * 30, *slower, *[27.2] * 40]
+    imprints = [*(k // 2 for k in range(25)), *[12] * 35, *(12 + k // 3 for k in range(1, 41))]
+    found = pushing(rng, places, imprints, stands=20)
+    assert "faulty" not in {estimate.status for estimate in found[:60]}
+    assert found[80].status == "faulty" and "frozen" in found[80].reason
+    assert {estimate.status for estimate in found[80:]} == {"faulty"}
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_stream_that_repeats_each_pose_is_not_frozen(times):
+    rng = np.random.default_rng(5)
+    places = [float(k // times * times) for k in range(40)]
+    found = pushing(rng, places, [k // 2 for k in range(40)])
+    assert "faulty" not in {estimate.status for estimate in found}
 
 
 @pytest.mark.parametrize(("degrees", "axis"), [(60, ""), (80, "+y"), (-80, "-y")])

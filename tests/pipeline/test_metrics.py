@@ -1,6 +1,7 @@
 """Scores of a trajectory, computed by hand."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,6 +101,29 @@ def test_silently_wrong_is_far_off_outside_and_without_doubt():
     )
     assert found["nats"] == pytest.approx(likely)
     assert found["silently_wrong_share"] == 0.5
+
+
+def silently_wrong(pose: list[float], truth: list[float], **about: Any) -> bool:
+    """Return whether one estimate, with sigma of 2 mm and 1 degree, is silently wrong."""
+    covariance = np.diag([4e-6, 4e-6, np.radians(1.0) ** 2])
+    one = Trajectory(np.zeros(1), np.array([pose]), covariance[None], np.ones(1, np.bool_), ("tracking",), ("",))
+    return bool(metrics.summarise(one, np.array([truth]), np.ones(1), **about)["silently_wrong_share"])
+
+
+def test_silently_wrong_is_judged_at_the_centroid_and_without_the_yaw_of_a_disc():
+    # Turned by 4 degrees about a centroid 200 mm from the origin, which moves by 14 mm.
+    turn, center = np.radians(4.0), [0.2, 0.0]
+    turned = [0.2 - 0.2 * np.cos(turn), -0.2 * np.sin(turn), turn]
+    assert silently_wrong(turned, [0.0] * 3) and not silently_wrong(turned, [0.0] * 3, center=center)
+    assert silently_wrong([0.0, 0.0, turn], [0.0] * 3, center=center)
+    for yaw_shows in (True, False):
+        assert silently_wrong([0.0, 0.0, 1.0], [0.0] * 3, yaw_shows=yaw_shows) == yaw_shows
+        assert silently_wrong([0.011, 0.0, 0.0], [0.0] * 3, yaw_shows=yaw_shows)
+
+
+def test_a_yaw_that_may_be_any_is_unknown_in_words():
+    assert metrics.pose_words((0.1, 0.0, 1.0), (1e-3, 1e-3, 0.1)).endswith("yaw 57.3 ± 5.7°")
+    assert metrics.pose_words((0.1, 0.0, 1.0), (1e-3, 1e-3, 3360.0)).endswith("0.0 ± 1.0 mm, yaw unknown")
 
 
 def test_ambiguous_is_a_share_of_the_frames_in_contact():

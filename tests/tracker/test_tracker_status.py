@@ -7,7 +7,18 @@ import math
 import numpy as np
 import planar
 import pytest
-from push_samples import RADIUS, SHAPES, Steering, frames, model_of, push, pushed, sensor, with_settings
+from push_samples import (
+    RADIUS,
+    SHAPES,
+    Steering,
+    frames,
+    in_two_contacts,
+    model_of,
+    push,
+    pushed,
+    sensor,
+    with_settings,
+)
 from tracker_samples import (
     CALIBRATED,
     SMOOTHERS,
@@ -22,7 +33,17 @@ from tracker_samples import (
     yaw_deviations,
 )
 
-from palpate import EstimationError, Frame, NoiseSettings, OwnMeasurement, SettingError, Tracker, TrackerSettings
+from palpate import (
+    Estimate,
+    EstimationError,
+    Frame,
+    NoiseSettings,
+    OwnMeasurement,
+    Polygon,
+    SettingError,
+    Tracker,
+    TrackerSettings,
+)
 
 Array = np.ndarray
 
@@ -219,6 +240,51 @@ def test_a_pose_is_uncertain_beyond_the_tolerance_at_two_standard_deviations(far
         found = tracker.update(Frame(0.0, at, contact=False))
         assert found.status == status
         assert found.reason == ("the pose is known to 8 mm and 5 degrees at 95 %" if status == "uncertain" else "")
+
+
+def moved_origin(shift: tuple[float, float], sigma: Array) -> list[Estimate]:
+    """Estimates of two contacts of the L, in a drawing whose origin is moved, without touch.
+
+    The second begins where a hand has put the object; `sigma` (3, 3) is the first pose's covariance at the old origin.
+    """
+    drawn = SHAPES["concave"]
+    assert isinstance(drawn, Polygon)
+    o, e, contact = in_two_contacts("concave", 40)
+    e[contact.argmin() :] = planar.compose([0.004, 0.012, 0.0], e[contact.argmin() :])
+    origin = np.array([*shift, 0.0])
+    to_origin = np.array([[1.0, 0.0, -shift[1]], [0.0, 1.0, shift[0]], [0.0, 0.0, 1.0]])  # of the same motion
+    tracker = Tracker(
+        Polygon(np.array(drawn.vertices) - shift),
+        sensor(),
+        planar.compose(o[0], origin),
+        TrackerSettings("none"),
+        first_pose_sigma=to_origin @ sigma @ to_origin.T,
+    )
+    return [tracker.update(frame) for frame in frames(o, e, contact)]
+
+
+@pytest.mark.parametrize("sigma", [(3e-3, 3e-3, 0.02), (4e-3, 4e-3, 0.04)])
+def test_status_and_reason_do_not_depend_on_the_origin_of_the_drawing(sigma):
+    covariance = np.diag(np.square(sigma))
+    found = moved_origin((0.0, 0.0), covariance)
+    for shift in ((0.15, -0.1), (-0.09, -0.06)):
+        other = moved_origin(shift, covariance)
+        assert statuses(other) == statuses(found)
+        assert [estimate.reason for estimate in other] == [estimate.reason for estimate in found]
+
+
+def test_the_yaw_of_a_disc_that_is_found_again_does_not_leave_it_displaced():
+    # Its yaw is not known, and a hand moves it away from the sensor while nothing touches it.
+    o, e = pushed("disc", 40)
+    after = planar.compose(o[-1], [0.01, 0.0, 0.0])
+    o2, e2 = pushed("disc", 40, first=after)
+    away = np.broadcast_to(planar.compose(o[-1], [-0.25, 0.0, 0.0]), (10, 3))
+    tracker = Tracker(SHAPES["disc"], sensor(), o[0], TrackerSettings("oracle"), first_pose_sigma=(1e-3, 1e-3, 2.0))
+    contact = np.repeat([True, False, True], [41, 10, 41])
+    seen = frames(np.concatenate([o, np.tile(after, (10, 1)), o2]), np.concatenate([e, away, e2]), contact)
+    found = [tracker.update(frame) for frame in seen]
+    assert "displaced" in statuses(found)[51:] or "ambiguous" in statuses(found)[51:]
+    assert found[-1].status == "tracking"
 
 
 @pytest.mark.parametrize(

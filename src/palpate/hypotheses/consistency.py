@@ -36,7 +36,10 @@ class ConsistencyMonitor:
         self._model = model
         self._contact_deviation = settings.contact.deviation
         self._sensor_deviation = max(settings.sensor_pose.deviation[:2])  # [m]
-        self.set_up_covariance: Array = np.diag(np.square(settings.sensor_pose.calibration))
+        self.to_centroid = model.to_centroid
+        """Matrix (3, 3) from the tangent space at the object's pose to that at its centroid."""
+        self._from_centroid = np.linalg.inv(model.to_centroid)
+        self.set_up_covariance: Array = self._about_centroid(np.square(settings.sensor_pose.calibration))
         """Covariance of the constant offset between sensor, world and outline, (3, 3)."""
 
     def clearance(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
@@ -84,7 +87,8 @@ class ConsistencyMonitor:
             squares = np.einsum("bi,bij,bj->b", off, information, off)
             deviations = np.sqrt(np.maximum(squares, 0.0))
             turned_by = self._model.friction_radius * np.abs(off[:, 2])
-            apart = np.maximum(np.hypot(off[:, 0], off[:, 1]), turned_by)
+            at_centroid = off @ self.to_centroid.T
+            apart = np.maximum(np.hypot(at_centroid[:, 0], at_centroid[:, 1]), turned_by)
             distance = np.where(deviations > most_deviations, apart, distance)
             most_deviations = np.maximum(deviations, most_deviations)
         return replace(rows, contradictions=_with_frame(rows.contradictions, _POSES, distance, most_deviations))
@@ -106,10 +110,14 @@ class ConsistencyMonitor:
         return self.covariance_of_motion(contradicting_distances(rows).max(axis=1))
 
     def covariance_of_motion(self, length: ArrayLike) -> Array:
-        """Return the covariance (..., 3, 3) of an unknown motion of this size (...) [m]."""
+        """Return the covariance (..., 3, 3) of an unknown motion of this size (...) [m] of the object's centroid."""
         length = np.asarray(length, np.float64)
         sizes = np.stack([length, length, length / self._model.friction_radius], axis=-1)
-        return np.square(sizes)[..., None] * np.eye(3)
+        return self._about_centroid(np.square(sizes))
+
+    def _about_centroid(self, variances: Array) -> Array:
+        """Return the covariance (..., 3, 3) of the pose by a motion with variances (..., 3) of the centroid."""
+        return (self._from_centroid * variances[..., None, :]) @ self._from_centroid.T
 
 
 def contradicting_distances(rows: Hypotheses) -> Array:

@@ -329,7 +329,7 @@ class MultiHypothesisFilter:
         if len(bank) > 1:
             most = self._most if self._is_found else max(self._most, MOST_PLACES)
             log_weights = self._weigher.log_weights(bank.rows, window.costs())
-            kept, weights = reduced(bank.rows, log_weights, most)
+            kept, weights = reduced(bank.rows, log_weights, most, self._contact_model)
             bank.take(kept)
             bank.rows = replace(bank.rows, weight=weights)
         is_single = len(bank) == 1

@@ -88,7 +88,7 @@ class Tolerance(NamedTuple):
     """Largest error of a pose that is good enough, at two standard deviations."""
 
     length: float
-    """[m]"""
+    """[m], of the outline's centroid."""
     angle: float
     """[rad]; infinite for a round object, which looks alike at every yaw."""
 
@@ -126,8 +126,8 @@ def posterior_of(
     if len(rows) > 1:
         from_best = se2.log(se2.between(rows.belief.pose[0], rows.belief.pose))
         covariance = _spanning(from_best, covariances, rows.weight)
-        ambiguity = _ambiguity(from_best, rows, tolerance)
-    x, y, yaw = np.sqrt(covariance.diagonal()).tolist()
+        ambiguity = _ambiguity(from_best @ monitor.to_centroid.T, rows, tolerance)
+    x, y, yaw = np.sqrt(_at(monitor.to_centroid, covariance).diagonal()).tolist()
     position = max(x, y)
     evidence = PoseEvidence(
         in_contact=in_contact,
@@ -138,7 +138,7 @@ def posterior_of(
         has_begun_anew=circumstances.has_begun_anew,
         contradicting_poses=contradictions[0],
         contradicting_outline=contradictions[1],
-        is_displaced=_is_displaced(rows, known[0], in_contact),
+        is_displaced=_is_displaced(rows, _at(monitor.to_centroid, known[0]), in_contact, tolerance),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=rows.has_mirrors,
     )
@@ -147,14 +147,21 @@ def posterior_of(
     return Posterior(rows, covariances, covariance, evidence, touching)
 
 
-def _is_displaced(rows: Hypotheses, covariance: Array, in_contact: bool) -> bool:
+def _at(motion: Array, covariance: Array) -> Array:
+    """Return a covariance (3, 3) in another tangent space, to which the matrix `motion` (3, 3) takes motions."""
+    return motion @ covariance @ motion.T
+
+
+def _is_displaced(rows: Hypotheses, covariance: Array, in_contact: bool, tolerance: Tolerance) -> bool:
     """Return True if the object of the best hypothesis was moved, and no contact has found it again so far.
 
-    `covariance` (3, 3) is that of its pose.
+    `covariance` (3, 3) is that of its centroid.
     """
     if rows.displacement[0] == 0.0:
         return False
-    return not in_contact or bool((covariance.diagonal() > np.square(_FOUND_SIGMA)).any())
+    is_lost = covariance.diagonal() > np.square(_FOUND_SIGMA)
+    counts = is_lost if math.isfinite(tolerance.angle) else is_lost[:2]
+    return not in_contact or bool(counts.any())
 
 
 def _spanning(from_best: Array, covariances: Array, weights: Array) -> Array:
@@ -167,7 +174,10 @@ def _spanning(from_best: Array, covariances: Array, weights: Array) -> Array:
 
 
 def _ambiguity(from_best: Array, rows: Hypotheses, tolerance: Tolerance) -> Ambiguity | None:
-    """Return the ambiguity if another hypothesis is likely and farther from the best than the tolerance."""
+    """Return the ambiguity if another hypothesis is likely and farther from the best than the tolerance.
+
+    `from_best` (B, 3) are their centroids in the tangent space at the best one.
+    """
     distance = np.hypot(from_best[:, 0], from_best[:, 1])
     angle = np.abs(from_best[:, 2])
     is_far = (distance > tolerance.length) | (angle > tolerance.angle)

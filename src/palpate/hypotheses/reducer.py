@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
 from palpate.hypotheses.rows import Hypotheses
+from palpate.models.pushing.contact_geometry import ContactModel
 
 POOR_WEIGHT = 1e-3
 """Weight, relative to the likeliest, below which a hypothesis is dropped."""
@@ -28,7 +29,7 @@ class Reduction(NamedTuple):
     """Probability of each among them, (K,)."""
 
 
-def reduced(rows: Hypotheses, log_weights: Array, most: int) -> Reduction:
+def reduced(rows: Hypotheses, log_weights: Array, most: int, model: ContactModel) -> Reduction:
     """Return up to `most` hypotheses that are neither poor nor the same as a better one.
 
     `log_weights` (B,) are known up to a constant. The best stays the best until another one is far likelier.
@@ -37,7 +38,8 @@ def reduced(rows: Hypotheses, log_weights: Array, most: int) -> Reduction:
     best = 0 if relative[0] > _STAYS_BEST else int(relative.argmax())
     scores = log_weights.copy()
     scores[best] = np.inf
-    is_same = _may_be_merged(rows) & poses_agree(rows.belief.pose[:, None], rows.belief.pose[None])
+    poses = model.centroid_poses(rows.belief.pose)
+    is_same = _may_be_merged(rows) & poses_agree(poses[:, None], poses[None])
     kept: list[int] = []
     for row in np.argsort(-scores).tolist():
         if relative[row] >= POOR_WEIGHT and not is_same[row, kept].any():
@@ -53,17 +55,18 @@ def _may_be_merged(rows: Hypotheses) -> Flags:
     return takes_images_alike & is_settled[:, None] & is_settled
 
 
-def merged(rows: Hypotheses, most: int) -> Hypotheses:
+def merged(rows: Hypotheses, most: int, model: ContactModel) -> Hypotheses:
     """Return up to `most` hypotheses of different poses, with the probability of all that have the same pose.
 
     The hypotheses must be in the order of their log priors, the likeliest first.
     """
+    poses = model.centroid_poses(rows.belief.pose)
     log_prior = rows.log_prior.copy()
     left = np.arange(len(rows))
     kept: list[int] = []
     while len(left) and len(kept) < most:
         likeliest = left[0]
-        is_same = poses_agree(rows.belief.pose[likeliest], rows.belief.pose[left])
+        is_same = poses_agree(poses[likeliest], poses[left])
         log_prior[likeliest] = np.logaddexp.reduce(rows.log_prior[left[is_same]])
         kept.append(int(likeliest))
         left = left[~is_same]
@@ -71,7 +74,7 @@ def merged(rows: Hypotheses, most: int) -> Hypotheses:
 
 
 def poses_agree(pose: Array, others: Array) -> Flags:
-    """Return True (...) where poses (..., 3) and others (..., 3) are the same for all that matters."""
+    """Return True (...) where poses (..., 3) and others (..., 3) of centroids are the same for all that matters."""
     off = pose - others
     squared_distance = off[..., 0] * off[..., 0] + off[..., 1] * off[..., 1]
     return (squared_distance < _SAME_POSITION**2) & (np.cos(off[..., 2]) > math.cos(_SAME_YAW))

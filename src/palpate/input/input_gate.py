@@ -1,15 +1,16 @@
 """Input gate: refuses implausible frames and decides contact, before the estimator sees a frame."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from palpate.arrays import Array, Image
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FrameError, SettingError
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
 from palpate.input.pose_monitor import PoseMonitor
+from palpate.input.touch_changes import TouchChanges
 from palpate.input.unseen_contact import UnseenContact
 from palpate.status import InputEvidence
 from palpate.touch.background import Background
@@ -24,6 +25,18 @@ from palpate.types.sensor import SensorProfile
 logger = logging.getLogger(__name__)
 
 _NOTICEABLE = LARGEST_ERROR[0]  # [m] of motion that is more than errors of mounting and outline
+
+
+class Predicted(Protocol):
+    """Prediction of where the sensor is to the object."""
+
+    def clearance(self, sensor_pose: Array) -> Clearance:
+        """Return the predicted distance of a sensor pose (3,) from the object."""
+        ...
+
+    def withdrawal(self, sensor_pose: Array) -> float:
+        """Return the motion of the sensor out of the object since the last frame, if the object rests [m]."""
+        ...
 
 
 class _Seen(NamedTuple):
@@ -49,11 +62,6 @@ class InputGate:
         """The untouched gel as known now; None before the first images, and without images."""
         return self._detector.background
 
-    def needs_clearance(self, frame: Frame) -> bool:
-        """Return True if `check` needs the clearance: the image may show a touch and is to be taken as untouched."""
-        is_open = self._may_show_touch or self.background is None or self._detector.new_view is not None
-        return is_open and frame.image is not None
-
     def reset(self) -> None:
         """Start again at any time; the untouched gel stays known unless its images may show a touch."""
         if self._may_show_touch:
@@ -62,6 +70,7 @@ class InputGate:
 
     def _begin(self) -> None:
         self._poses = PoseMonitor(self._rate)
+        self._changes = TouchChanges(self._rate)
         # The first images, taken as untouched, may show a touch.
         self._may_show_touch = self._detector.background is None
         self._has_touched = False
@@ -74,15 +83,14 @@ class InputGate:
     def check(
         self,
         corrected: CorrectedFrame,
-        clearance: Clearance | None = None,
+        predicted: Predicted,
         reads_images: bool = False,
         needs_colours: bool = False,
-        withdrawal: "Callable[[Array], float] | None" = None,
     ) -> CheckedFrame:
         """Return a frame with its image in the profile's view, contact as the image shows it, and what was found.
 
-        `clearance` is the predicted distance between sensor and object. `reads_images` says that touch is measured in
-        images, and `needs_colours` that grey ones will not do. Raises FrameError if the frame cannot be used.
+        `predicted` says where the sensor is to the object, as known so far. `reads_images` says that touch is measured
+        in images, and `needs_colours` that grey ones will not do. Raises FrameError if the frame cannot be used.
         """
         frame = corrected.frame
         self._check_time(frame)
@@ -91,43 +99,59 @@ class InputGate:
         seen = _Seen(None, bool(frame.contact), False)
         if frame.image is not None:
             refuses_grey = reads_images and needs_colours and self.last is None
+            clearance = predicted.clearance(frame.sensor_pose) if self._needs_clearance() else None
             seen = self._look_at(frame.time, frame.image, clearance, refuses_grey)
-        is_seen = seen.contact
-        if seen.image is not None and not is_seen and self.last is not None and self.last.contact and withdrawal:
-            if self._unseen.goes_on(withdrawal(frame.sensor_pose)):
-                seen = seen._replace(contact=True)
-        motion = self._poses.check_pose(frame.time, frame.sensor_pose, seen.contact)
+        goes_on_unseen = self._goes_on_unseen(seen, frame.sensor_pose, predicted)
+        if seen.contact and seen.image is not None and self.background is not None:
+            self._changes.add(seen.image, self.background)
+        else:
+            self._changes.clear()
+        in_contact = seen.contact or goes_on_unseen
+        motion = self._poses.check_pose(frame.time, frame.sensor_pose, in_contact, self._changes)
         has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
         unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
         if seen.image is not None and has_drawn_back:
             self._detector.forget()  # the gel or the light has changed
             self._may_show_touch = False
             seen = _Seen(seen.image, False, False)
-            is_seen = False
+            in_contact = False
         self._touches_since_start = seen.touches_since_start
         self._hidden_motion = motion.hidden
+        if motion.was_unobserved and not seen.contact:
+            in_contact = False
         sees_touch = seen.contact and seen.image is not None and not motion.was_unobserved
         weakness = self._poses.weakness(sees_touch)
         was_in_contact = self.last is not None and bool(self.last.contact)
         return CheckedFrame(
             corrected=corrected,
-            frame=frame if seen.image is None else replace(frame, image=seen.image, contact=seen.contact),
+            frame=frame if seen.image is None else replace(frame, image=seen.image, contact=in_contact),
             is_first=self.last is None,
-            ends_contact=was_in_contact and (motion.was_unobserved or not seen.contact),
+            ends_contact=was_in_contact and (motion.was_unobserved or not in_contact),
             unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,
             background=self.background,
-            shows_touch=is_seen,
+            shows_touch=seen.contact,
             evidence=InputEvidence(motion.hidden, seen.touches_since_start, self._detector.doubt, weakness),
         )
 
-    def accept(self, checked: CheckedFrame, measured: Sequence[Measurement] = ()) -> None:
-        """Make a checked frame the last one."""
+    def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
+        """Make a checked frame the last one, with what touch measured in it."""
         self.last = checked.frame
-        if not checked.frame.contact:
-            self._unseen.end()
-        elif checked.shows_touch:
+        if checked.ends_contact:
+            self._unseen = UnseenContact()
+        if checked.shows_touch:
             self._unseen.see(measured, self._detector.share)
         self._has_touched = self._has_touched or bool(checked.frame.contact)
+
+    def _needs_clearance(self) -> bool:
+        """Return True if an image may show a touch and is to be taken as untouched."""
+        return self._may_show_touch or self.background is None or self._detector.new_view is not None
+
+    def _goes_on_unseen(self, seen: _Seen, sensor_pose: Array, predicted: Predicted) -> bool:
+        """Return True if a contact goes on that the image does not show."""
+        was_in_contact = self.last is not None and bool(self.last.contact)
+        if seen.image is None or seen.contact or not was_in_contact:
+            return False
+        return self._unseen.goes_on(predicted.withdrawal(sensor_pose))
 
     def _check_time(self, frame: Frame) -> None:
         """Raise FrameError on a time that does not follow the last one, or is far ahead."""

@@ -14,6 +14,7 @@ from palpate.arrays import Array
 from palpate.checks import SPAN, other_time_unit
 from palpate.config import LARGEST_ERROR
 from palpate.errors import FrameError
+from palpate.input.touch_changes import TouchChanges
 
 _FRAMES_TO_CONFIRM = 3
 """Frames that must agree before a jump or a standstill is taken as real."""
@@ -28,7 +29,8 @@ _SLOW_STREAM = 1.5
 _HARMLESS_MOTION = 2e-3
 """[m] of motion that may hide behind a pose that repeats, and does no harm."""
 _SUDDEN_STOP = 0.5
-"""Share of its usual speed from which a robot does not stop at once, so that a pose which repeats is frozen."""
+"""Share of its usual speed from which a robot does not stop at once, so that a pose which repeats is frozen if no touch
+tells; and of the way at that speed which it has not gone if it stood."""
 _SIDEWAYS_PUSH = 1.22
 """[rad] 70 degrees from the sensor's x axis, from which a push is sideways."""
 
@@ -64,8 +66,11 @@ class PoseMonitor:
         self._rate = rate
         self._last: _Sample | None = None
         self._different: deque[_Sample] = deque(maxlen=_RECENT_FRAMES)  # the last ones whose poses differ
+        self._moving: deque[_Sample] = deque(maxlen=_RECENT_FRAMES)  # the same, also between contacts
         self._repeats = 0  # identical poses in a row
-        self._stands_exactly = False  # this robot has stood at one exact pose and moved on from there
+        self._runs: deque[int] = deque(maxlen=_RECENT_FRAMES)  # times that the last poses came in a row
+        self._is_frozen = False  # the pose stands while the sensor moves, as far as is known
+        self._stops_at_once = False  # this robot has stopped at once in a contact, and moved on from there
         self._elsewhere: list[_Sample] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
         self._in_contact = False
@@ -89,8 +94,8 @@ class PoseMonitor:
                 f"that follows it is taken{unit and '; '}{unit}"
             )
 
-    def check_pose(self, time: float, measured: Array, in_contact: bool) -> SensorMotion:
-        """Take a pose (3,) [m, m, rad] and return the motion to it.
+    def check_pose(self, time: float, measured: Array, in_contact: bool, touch: TouchChanges) -> SensorMotion:
+        """Take a pose (3,) [m, m, rad] and return the motion to it; `touch` has seen this frame.
 
         Raises FrameError on a jump in a contact; between contacts it does no harm.
         """
@@ -101,14 +106,14 @@ class PoseMonitor:
         step, _ = _apart(last.pose, now.pose)
         repeats = self._last is not None and last.pose == now.pose
         goes_on = in_contact and self._in_contact
-        if not repeats and self._repeats >= _FRAMES_TO_CONFIRM and step < _HARMLESS_MOTION:
-            self._stands_exactly = True
+        has_stood = goes_on and not repeats and self._has_stood(time, step)
+        self._stops_at_once = self._stops_at_once or has_stood
         possible_push = step if in_contact else self._push_before_release(step, interval)
         self._implausible_time = None
         jumps = goes_on and not self._is_plausible(interval, last.pose, now.pose)
         if jumps:
             self._refuse_unless_confirmed(now, last)
-        is_elsewhere = jumps or (goes_on and self._hidden > 0.0 and not repeats)
+        is_elsewhere = jumps or (goes_on and self._hidden > 0.0 and not repeats and not has_stood)
         usual_interval = max(1.0 / self._rate, median(self._intervals or (0.0,)))
         is_late = interval > _RECENT_FRAMES * usual_interval
         if self._last is not None:
@@ -118,7 +123,9 @@ class PoseMonitor:
         self._last = now
         self._in_contact = in_contact
         self._follow(now, repeats, goes_on, is_elsewhere)
-        self._hidden = self._frozen(time) if in_contact else 0.0
+        self._is_frozen = repeats and (self._is_frozen or (in_contact and self._moves_hidden(touch)))
+        hidden = self._way_since_stop(time) if self._is_frozen and in_contact else 0.0
+        self._hidden = hidden if hidden > _HARMLESS_MOTION else 0.0
         return SensorMotion(is_elsewhere or is_late, possible_push, self._hidden, self._drawn_back)
 
     def weakness(self, sees_touch: bool) -> str:
@@ -144,7 +151,7 @@ class PoseMonitor:
 
     def _follow(self, now: _Sample, repeats: bool, goes_on: bool, is_elsewhere: bool) -> None:
         """Take a plausible pose into the motion of this contact, or begin another motion with it."""
-        stands_frozen = repeats and self._frozen(now.time) > 0.0
+        stands_frozen = repeats and self._is_frozen
         if is_elsewhere or not (goes_on or stands_frozen):
             self._different.clear()
             self._drawn_back = 0.0
@@ -152,6 +159,9 @@ class PoseMonitor:
             self._drawn_back = max(self._drawn_back - self._moved.real, 0.0)
         if not self._different or (goes_on and not repeats):
             self._different.append(now)
+        if not repeats:
+            self._moving.append(now)
+            self._runs.append(max(self._repeats, 1))
         self._repeats = self._repeats + 1 if repeats and not is_elsewhere else 1
 
     def _push_before_release(self, step: float, interval: float) -> float:
@@ -164,24 +174,39 @@ class PoseMonitor:
 
     def _speed(self, count: int) -> float:
         """Return the mean speed [m/s] over the last different poses."""
-        first = self._different[-count]
-        last = self._different[-1]
-        distance, _ = _apart(first.pose, last.pose)
-        return distance / (last.time - first.time)
+        return _mean_speed(self._different[-count], self._different[-1])
 
-    def _frozen(self, time: float) -> float:
-        """Return the distance that the sensor may have moved while its pose was frozen [m], 0 if it is not.
+    def _way_since_stop(self, time: float) -> float:
+        """Return how far [m] the sensor would have gone since its pose stands, at the speed before.
 
-        A robot slows down before it stands, so a pose that repeats from full speed on is frozen. If it once moved on
-        from where it stood, its stream reports commands, in which repeats mean nothing.
+        That is the speed in the contact, or that between contacts if one has only begun.
         """
-        stands_shortly = self._repeats <= _FRAMES_TO_CONFIRM or len(self._different) < _RECENT_FRAMES
-        if self._stands_exactly or stands_shortly:
-            return 0.0
-        usual_speed = self._speed(_RECENT_FRAMES)
-        distance = usual_speed * (time - self._different[-1].time)
-        stopped_suddenly = self._speed(_FRAMES_TO_CONFIRM) > _SUDDEN_STOP * usual_speed
-        return distance if stopped_suddenly and distance > _HARMLESS_MOTION else 0.0
+        motion = self._different if len(self._different) > 1 else self._moving
+        return _mean_speed(motion[0], motion[-1]) * (time - self._moving[-1].time)
+
+    def _has_stood(self, time: float, step: float) -> bool:
+        """Return True if the sensor stood since it stopped at once, as it goes on by a step [m] from there."""
+        has_stopped = self._repeats >= _FRAMES_TO_CONFIRM and self._stopped_at_once()
+        return has_stopped and step < _SUDDEN_STOP * self._way_since_stop(time)
+
+    def _moves_hidden(self, touch: TouchChanges) -> bool:
+        """Return True if the sensor goes on while its pose stands: the touch goes on changing.
+
+        If touch does not tell, a robot slows down before it stands, so that a pose which repeats from full speed on is
+        frozen, unless this robot has stopped so before.
+        """
+        settles = _FRAMES_TO_CONFIRM * round(median(self._runs or (1,)))  # some streams repeat each pose
+        stood = self._repeats - 1
+        if stood < settles:
+            return False
+        goes_on = touch.go_on(stood, settles)
+        return not self._stops_at_once and self._stopped_at_once() if goes_on is None else goes_on
+
+    def _stopped_at_once(self) -> bool:
+        """Return True if the sensor did not slow down before its pose stood."""
+        if len(self._different) < _RECENT_FRAMES:
+            return False
+        return self._speed(_FRAMES_TO_CONFIRM) > _SUDDEN_STOP * self._speed(_RECENT_FRAMES)
 
     def _is_plausible(self, interval: float, last: Pose, pose: Pose) -> bool:
         """Compare with the motion so far: at constant velocity, up to the largest acceleration."""
@@ -223,6 +248,12 @@ class PoseMonitor:
             f"where it was {interval:.3g} s before, in one contact, faster than any arm; {_FRAMES_TO_CONFIRM} in a row "
             f"that agree are believed{unit}"
         )
+
+
+def _mean_speed(first: _Sample, last: _Sample) -> float:
+    """Return the mean speed [m/s] from one sample to another; 0 if they are one."""
+    distance, _ = _apart(first.pose, last.pose)
+    return distance / (last.time - first.time) if last.time > first.time else 0.0
 
 
 def _apart(one: Pose, other: Pose) -> tuple[float, float]:

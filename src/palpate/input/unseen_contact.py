@@ -21,7 +21,7 @@ _WITHDRAWN = 5e-4
 
 
 class UnseenContact:
-    """Decides whether a contact that was seen up to now goes on, one frame after the other."""
+    """Decides in each frame of one contact whether it goes on although the image does not show it."""
 
     def __init__(self) -> None:
         self._direction = 0.0  # the last sure one of this contact [rad]
@@ -35,10 +35,6 @@ class UnseenContact:
                 self._direction = abs(measurement.angle)
         self._share = share
         self._withdrawn = 0.0
-
-    def end(self) -> None:
-        """Forget this contact."""
-        self.__init__()
 
     def goes_on(self, withdrawal: float) -> bool:
         """Return True if a contact goes on that the next image does not show.

@@ -161,6 +161,7 @@ def draw_errors(translation: "Axes", rotation: "Axes", run: Run) -> None:
     online = run.online
     truth = run.recording.truth
     translation_sigma, rotation_sigma = deviations(online.covariance)
+    rotation_sigma = np.minimum(rotation_sigma, np.pi)  # beyond half a turn nothing is known
     distance = 1e3 * translation_errors(online.pose, truth)
     angle = np.degrees(rotation_errors(online.pose, truth))
     _draw_error(translation, run, "translation {} [mm]", distance, 1e3 * translation_sigma, is_signed=False)

@@ -14,11 +14,16 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array, Flags
 from palpate.geometry import se2
 from palpate.models.pushing.layout import NAMES
+from palpate.status import is_unknown
 from palpate.types.estimate import Answers, Origin, Trajectory
 
 CONTENT = ("tracking", "resting")
 """Statuses of an estimate that reports no doubt."""
 PERCENTILES = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
+_CHI_SQUARE_OF_POSE = 7.814727903251178
+"""95 % point of chi-square with 3 degrees of freedom."""
+_CHI_SQUARE_OF_POSITION = 5.991464547107979
+"""The same with 2."""
 
 
 def flag_runs(flags: Flags) -> list[tuple[int, int]]:
@@ -49,8 +54,11 @@ def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
 
     The mean over independent frames is 3 if the covariance (N, 3, 3) is right. NaN where it is singular.
     """
-    d = se2.log(se2.between(pose, truth))
-    covariance = np.asarray(covariance, dtype=np.float64)
+    return _squared(se2.log(se2.between(pose, truth)), np.asarray(covariance, dtype=np.float64))
+
+
+def _squared(d: Array, covariance: Array) -> Array:
+    """Return d^T covariance^-1 d (N,) of errors (N, D) with covariances (N, D, D); NaN where it is singular."""
     is_usable = np.isfinite(d).all(axis=-1) & (np.linalg.det(covariance) > 0.0)
     squared = np.full(len(d), np.nan)
     d = d[is_usable]
@@ -61,7 +69,7 @@ def nees(pose: ArrayLike, covariance: ArrayLike, truth: ArrayLike) -> Array:
 
 def inside_95(nees: ArrayLike) -> Flags:
     """Return flags (N,) of true poses in the 95 % region of their estimate, from the NEES (N,); false for NaN."""
-    return np.asarray(nees) <= 7.814727903251178  # the 95 % point of chi-square with 3 degrees of freedom
+    return np.asarray(nees) <= _CHI_SQUARE_OF_POSE
 
 
 def log_likelihood(nees: ArrayLike, covariance: ArrayLike) -> Array:
@@ -91,9 +99,21 @@ def crps(error: ArrayLike, deviation: ArrayLike) -> Array:
     return sigma * (z * inside + 2.0 * density - 1.0 / np.sqrt(np.pi))
 
 
-def is_far(translation: Array, rotation: Array) -> Flags:
-    """Return flags (N,) of estimates that are wrong: errors (N,) above 10 mm, or (N,) above 5 degrees."""
-    return (translation > 10.0) | (np.abs(rotation) > 5.0)
+def silently_wrong(online: Trajectory, truth: Array, center: ArrayLike, yaw_shows: bool) -> Flags:
+    """Return flags (N,) of estimates that are far off, outside their 95 % region, and with a status in CONTENT.
+
+    Far is 10 mm at the outline's centroid, `center` (2,) [m] in the object frame, or 5 degrees. If no yaw shows, as on
+    a disc, it is neither far nor outside.
+    """
+    at_center = np.append(np.asarray(center, np.float64), 0.0)
+    distance = translation_errors(se2.compose(online.pose, at_center), se2.compose(truth, at_center))
+    angle = np.abs(rotation_errors(online.pose, truth)) if yaw_shows else np.zeros(len(online))
+    is_far = (distance > 0.010) | (angle > math.radians(5.0))
+    is_inside = inside_95(nees(online.pose, online.covariance, truth))
+    if not yaw_shows:
+        position = se2.log(se2.between(online.pose, truth))[:, :2]
+        is_inside = _squared(position, online.covariance[:, :2, :2]) <= _CHI_SQUARE_OF_POSITION
+    return is_far & ~is_inside & np.isin(online.status, CONTENT)
 
 
 def rms(errors: ArrayLike) -> float | None:
@@ -123,18 +143,27 @@ def pose_words(pose: ArrayLike, sigma: ArrayLike) -> str:
     units = np.array((1e3, 1e3, 180.0 / np.pi))
     x, y, yaw = np.asarray(pose) * units
     sigma_x, sigma_y, sigma_yaw = np.asarray(sigma) * units
-    return f"x {x:.1f} ± {sigma_x:.1f} mm, y {y:.1f} ± {sigma_y:.1f} mm, yaw {yaw:.1f} ± {sigma_yaw:.1f}°"
+    position = f"x {x:.1f} ± {sigma_x:.1f} mm, y {y:.1f} ± {sigma_y:.1f} mm"
+    if is_unknown(float(np.asarray(sigma)[2])):
+        return f"{position}, yaw unknown"
+    return f"{position}, yaw {yaw:.1f} ± {sigma_yaw:.1f}°"
 
 
 def summarise(
-    online: Trajectory, truth: Array, step_ms: ArrayLike, *, yaw_shows: bool = True, **about: Any
+    online: Trajectory,
+    truth: Array,
+    step_ms: ArrayLike,
+    *,
+    center: ArrayLike = (0.0, 0.0),
+    yaw_shows: bool = True,
+    **about: Any,
 ) -> dict[str, Any]:
     """Return the content of `summary.json`, with `about` in it; scores that need truth are None without any.
 
-    `truth` (N, 3) is NaN where it is not known and trusted; `yaw_shows` is false for a disc. Final errors are of the
-    last frame with truth. The shares `in_95` and `silently_wrong` are of the frames since the first contact; silently
-    wrong is an estimate that `is_far` off and outside its 95 % region with a status in CONTENT. `nats` and `sigma_mm`
-    are of frames in contact.
+    `truth` (N, 3) is NaN where it is not known and trusted; `center` (2,) [m] is the outline's centroid in the object
+    frame, and `yaw_shows` is false for a disc. Final errors are of the last frame with truth. The shares `in_95` and
+    `silently_wrong`, see that function, are of the frames since the first contact. `nats` and `sigma_mm` are of frames
+    in contact.
     """
     translation = translation_errors(online.pose, truth) * 1e3
     rotation = np.degrees(rotation_errors(online.pose, truth))
@@ -143,7 +172,7 @@ def summarise(
     squared = nees(online.pose, online.covariance, truth)
     inside = inside_95(squared)
     since = since_contact(online.contact, squared)
-    silent = is_far(translation, rotation) & ~inside & np.isin(online.status, CONTENT)
+    silent = silently_wrong(online, truth, center, yaw_shows)
     return {
         "frames": len(online),
         "contact_frames": int(np.sum(online.contact)),

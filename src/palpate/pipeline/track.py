@@ -151,6 +151,7 @@ def _scores(
         online,
         recording.truth,
         step_ms,
+        center=recording.shape.centroid,
         yaw_shows=not isinstance(recording.shape, Disc),
         tactile=settings.tactile,
         smoother=settings.smoother,

@@ -282,5 +282,6 @@ def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
     status = ("tracking",) * len(recording)
     reason = ("",) * len(recording)
     online = Trajectory(recording.time, pose, covariance, episode >= 0, status, reason)
-    summary = summarise(online, truth, step_ms, yaw_shows=not isinstance(recording.shape, Disc))
+    yaw_shows = not isinstance(recording.shape, Disc)
+    summary = summarise(online, truth, step_ms, center=recording.shape.centroid, yaw_shows=yaw_shows)
     return Run(recording, settings.tracker, None, None, truth[0], np.array(CAPTURE), online, (), step_ms, summary)

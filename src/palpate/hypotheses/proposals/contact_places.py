@@ -56,11 +56,12 @@ def leaves_several_places(belief: Belief, touch_sign: Array, model: ContactModel
 
 
 def is_rough(belief: Belief, model: ContactModel, limit: ArrayLike = _ROUGH_SIGMA) -> Flags:
-    """Return True (B,) for beliefs with larger standard deviations than the limit (3,) [m, m, rad].
+    """Return True (B,) for beliefs with larger standard deviations than the limit (3,) [m, m, rad] at the centroid.
 
     A round object is met alike at every yaw.
     """
-    variances = np.diagonal(belief.pose_covariance, axis1=1, axis2=2)
+    at_centroid = model.to_centroid @ belief.pose_covariance @ model.to_centroid.T
+    variances = np.diagonal(at_centroid, axis1=1, axis2=2)
     is_larger = variances > np.square(limit)
     return np.any(is_larger[:, :2] if is_round(model) else is_larger, axis=1)
 

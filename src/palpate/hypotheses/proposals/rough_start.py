@@ -51,8 +51,8 @@ def propose_rough_start(
     proposed = kept.take(~is_hopeless).joined(_at_places(rows, places))
     proposed = proposed.take(np.argsort(-proposed.log_prior, kind="stable"))
     is_mirror = proposed.touch_sign != rows.touch_sign[0]
-    best = merged(proposed.take(~is_mirror), MOST_PLACES)
-    mirrors = merged(proposed.take(is_mirror), MOST_PLACES)
+    best = merged(proposed.take(~is_mirror), MOST_PLACES, model)
+    mirrors = merged(proposed.take(is_mirror), MOST_PLACES, model)
     return best.joined(mirrors)
 
 

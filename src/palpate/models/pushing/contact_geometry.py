@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Array, Complex, Records
 from palpate.compiled import compiled, kernel
+from palpate.geometry import se2
 from palpate.geometry.distance_field import DistanceField
 from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.manifolds.se2_kernels import position, rotation
@@ -86,6 +87,18 @@ class ContactModel:
     def center(self) -> complex:
         """Middle of the parts [m], sensor frame."""
         return complex(self.parts.mean())
+
+    @cached_property
+    def to_centroid(self) -> Array:
+        """Matrix (3, 3) that takes a motion in the tangent space at the object's pose to that at its centroid.
+
+        What is judged there does not depend on where a drawing has its origin.
+        """
+        return se2.adjoint(np.array((-self.friction_center.real, -self.friction_center.imag, 0.0)))
+
+    def centroid_poses(self, poses: Array) -> Array:
+        """Return poses (..., 3) of the object moved to its centroid."""
+        return se2.compose(poses, np.array((self.friction_center.real, self.friction_center.imag, 0.0)))
 
     @cached_property
     def surface(self) -> Surface:
