@@ -4,7 +4,6 @@ An object that nothing touches rests, so a contact ends where the sensor moves b
 takes the object away. A touch that fades at the rim while the sensor still moves into the object goes on.
 """
 
-import math
 from collections.abc import Sequence
 
 from palpate.config import CONTACT_DETECTION
