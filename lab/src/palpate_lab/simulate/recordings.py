@@ -23,7 +23,7 @@ from palpate_lab.parallel import held_folder, spread
 from palpate_lab.simulate.gel import draw_side, render
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.pushes import draw_sequence, measured
-from palpate_lab.simulate.set_up_errors import draw_errors, with_errors, worn
+from palpate_lab.simulate.set_up_errors import Mark, draw_errors, with_errors, worn
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
 from palpate_lab.simulate.world import Motion
 
@@ -63,6 +63,8 @@ class Simulation:
     """Noise alone; otherwise mounting, outline, time, first pose, gel and light have the errors of a real set-up."""
     sensor: SensorProfile = DIGIT
     """Nominal profile of the sensor."""
+    marks: tuple[Mark, ...] | None = None
+    """Marks that appear on the gel in place of those that are drawn with the other errors of a set-up."""
 
     def __post_init__(self) -> None:
         check_not_negative(seed=self.seed, unit=self.unit)
@@ -71,6 +73,8 @@ class Simulation:
             raise SettingError(f"the outline is {extent:g} m wide; simulation allows 0.05 to 0.5 m")
         if not 3.0 <= self.seconds <= 600.0:
             raise SettingError(f"seconds is {self.seconds:g}; allowed is 3 to 600 s")
+        if self.ideal and self.marks is not None:
+            raise SettingError("marks are errors of a set-up, and an ideal recording has none")
 
     @property
     def source(self) -> str:
@@ -84,6 +88,7 @@ class Simulation:
             + (", knocked" if self.knocks else "")
             + ("" if self.sensor == DIGIT else f", {self.sensor.name}")
             + ("" if self.ideal else f", with systematic errors{'' if self.unit is None else ' of the unit'}")
+            + ("" if self.marks is None else f", marks {self.marks}")
         )
 
     def run(self, progress: Callable[[int], None] | None = None) -> Recording:
@@ -94,6 +99,8 @@ class Simulation:
         unit_seed, *seeds = self._seeds()
         pushes, noise, camera, shoves, systematic = (np.random.default_rng(each) for each in seeds)
         errors = None if self.ideal else draw_errors(systematic, self.unit)
+        if errors and self.marks is not None:
+            errors = replace(errors, marks=self.marks)
         unit = draw_unit(self.sensor, unit_seed)
         gel = replace(self.sensor, radius=unit.radius)
         hand = shoves if self.knocks else None
