@@ -12,6 +12,7 @@ from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, check_view, mismatch
 from palpate.touch.cells import cells_of, compare, is_grey, sparse_pixels, wide_cells_of
+from palpate.touch.marks import new_marks, with_marks
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
@@ -63,6 +64,7 @@ class ContactDetector:
         self._touched = False
         self._has_markers = False
         self._untouched_images = 0
+        self._last: Image | None = None  # the last image that showed a gel
         self._sparse: Image | None = None  # sparse pixels of the last image that showed a gel
         self._repeats = 0  # times that the last image came in a row
         self._is_noisy = False  # an image that came after a repeated one differed in most pixels
@@ -114,6 +116,8 @@ class ContactDetector:
         share = self._significant_share(image, cells)
         self._check_gel(image, cells, share)
         self._check_not_repeated(image)
+        if self._takes_marks(image):
+            share = self._significant_share(image, cells)
         self.share = share
         self._touched = share > (CONTACT_DETECTION.end if self._touched else CONTACT_DETECTION.start)
         if not self._touched:
@@ -127,6 +131,7 @@ class ContactDetector:
     def forget(self) -> None:
         """Forget the untouched gel and take the next images as untouched: what looked like a touch was a change."""
         self.background = None
+        self._last = None
         self._touched = False
         self._doubted = ""
         self.new_view = None
@@ -147,6 +152,17 @@ class ContactDetector:
         self._is_grey = is_grey(background.mean)
         deviation = np.maximum(background.noise, np.float32(CONTACT_DETECTION.least_deviation))
         self._tolerance = np.float32(CONTACT_DETECTION.significant) * deviation
+
+    def _takes_marks(self, image: Image) -> bool:
+        """Take marks that are not in the last image into the untouched gel; return true if there are any."""
+        assert self.background is not None
+        last = self._last
+        self._last = None if self._has_markers else image.copy()  # a driver may reuse its array; markers move
+        marks = None if last is None else new_marks(image, last)
+        if last is None or marks is None:
+            return False
+        self._use(replace(self.background, mean=with_marks(self.background.mean, marks, image, last)))
+        return True
 
     def _significant_share(self, image: Image, cells: Levels) -> float:
         """Return the share of values that differ significantly from the untouched gel, without that of scratches."""

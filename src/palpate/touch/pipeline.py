@@ -65,7 +65,8 @@ class TouchReader:
         self._own = own
         self._is_open = own is None and tactile == "auto"  # the source is not yet chosen
         self._correction = calibration.direction if calibration else UNCORRECTED
-        self._mean: Levels | None = None  # of the untouched gel when the contact began
+        self._background: Background | None = None
+        self._mean: Levels = np.zeros(0, np.float32)  # of the background, reduced
         if model is None and sensor.name in SHIPPED_OF:
             model = shipped_model(sensor.name)
         self._model = model
@@ -112,7 +113,7 @@ class TouchReader:
     def read(self, frame: Frame, background: Background | None) -> Sequence[Measurement]:
         """Return the measurements of a frame of contact; `background` is the untouched gel at present.
 
-        During a contact the images are compared with the gel as it was when the contact began, in their own light.
+        Images are compared with the untouched gel in their own light; during a contact it changes by new marks alone.
         Raises EstimationError if a touch model has no image to read.
         """
         if self._own is not None:
@@ -123,7 +124,8 @@ class TouchReader:
             return ()
         if frame.image is None or background is None:
             raise EstimationError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
-        if self._mean is None:
+        if self._background is not background:
+            self._background = background
             self._mean = reduced(background.mean)
         reading = self._model.read(difference_in_light(frame.image, self._mean))
         return self._measurements(reading)
@@ -149,7 +151,6 @@ class TouchReader:
 
     def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
-        self._mean = None
         if self._own is not None:
             self._own.end_contact()
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate import DIGIT, Disc, track
+from palpate import DIGIT, Disc, SettingError, track
 from palpate.geometry import se2
 from palpate_lab.simulate import set_up_errors
 from palpate_lab.simulate.recordings import Simulation
@@ -82,6 +82,20 @@ def test_wear_of_a_recording_is_not_taken_for_touch(monkeypatch):
     near = np.convolve(touched, np.ones(5), mode="same") > 0
     well_within = np.convolve(~touched, np.ones(7), mode="same") < 0.5
     assert not found[~near].any() and found[well_within].all()
+
+
+def test_marks_that_are_given_are_those_that_appear_and_tracking_does_without_them():
+    long = dataclasses.replace(SCRATCH, when=0.497, length=0.45, angle=0.3, width=4.0, levels=(-50.0, -50.0, -50.0))
+    plain, marked = (Simulation(DISC, "disc", 3, 5.0, unit=2, marks=marks).run() for marks in ((), (long,)))
+    assert plain.image is not None and marked.image is not None and plain.contact is not None
+    assert plain.contact[60:90].all()
+    first = next(index for index in range(150) if plain.image[index] != marked.image[index])
+    assert first in (75, 76)  # images may be a frame late
+    one, other = (track(each).online for each in (plain, marked))
+    assert (one.contact == other.contact).mean() > 0.98
+    assert np.hypot(*(one.pose - other.pose)[:, :2].T).max() < 5e-4
+    with pytest.raises(SettingError, match="marks"):
+        Simulation(DISC, "disc", 3, 5.0, ideal=True, marks=(long,))
 
 
 def test_recordings_of_a_unit_are_of_one_robot():

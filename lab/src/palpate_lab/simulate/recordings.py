@@ -23,7 +23,7 @@ from palpate_lab.parallel import held_folder, spread
 from palpate_lab.simulate.gel import draw_side, render
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.pushes import draw_sequence, measured
-from palpate_lab.simulate.set_up_errors import draw_errors, with_errors, worn
+from palpate_lab.simulate.set_up_errors import Mark, draw_errors, with_errors, worn
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
 from palpate_lab.simulate.world import Motion
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 COUNT = 100_000
 """Most recordings of one object in a folder: number n of a folder with seed s has the seed s * COUNT + n."""
+NO_RIM = 1e-5
+"""[m] Width of a pad's rim that no image shows."""
 SUFFIX = ".mcap"
 """Extension of recordings."""
 
@@ -63,6 +65,10 @@ class Simulation:
     """Noise alone; otherwise mounting, outline, time, first pose, gel and light have the errors of a real set-up."""
     sensor: SensorProfile = DIGIT
     """Nominal profile of the sensor."""
+    marks: tuple[Mark, ...] | None = None
+    """Marks that appear on the gel in place of those that are drawn with the other errors of a set-up."""
+    has_rim: bool = True
+    """The pad has a hard rim, as every pad has; without one, images show all of a contact."""
 
     def __post_init__(self) -> None:
         check_not_negative(seed=self.seed, unit=self.unit)
@@ -71,6 +77,8 @@ class Simulation:
             raise SettingError(f"the outline is {extent:g} m wide; simulation allows 0.05 to 0.5 m")
         if not 3.0 <= self.seconds <= 600.0:
             raise SettingError(f"seconds is {self.seconds:g}; allowed is 3 to 600 s")
+        if self.ideal and self.marks is not None:
+            raise SettingError("marks are errors of a set-up, and an ideal recording has none")
 
     @property
     def source(self) -> str:
@@ -84,6 +92,8 @@ class Simulation:
             + (", knocked" if self.knocks else "")
             + ("" if self.sensor == DIGIT else f", {self.sensor.name}")
             + ("" if self.ideal else f", with systematic errors{'' if self.unit is None else ' of the unit'}")
+            + ("" if self.marks is None else f", marks {self.marks}")
+            + ("" if self.has_rim else ", without a rim")
         )
 
     def run(self, progress: Callable[[int], None] | None = None) -> Recording:
@@ -94,7 +104,11 @@ class Simulation:
         unit_seed, *seeds = self._seeds()
         pushes, noise, camera, shoves, systematic = (np.random.default_rng(each) for each in seeds)
         errors = None if self.ideal else draw_errors(systematic, self.unit)
+        if errors and self.marks is not None:
+            errors = replace(errors, marks=self.marks)
         unit = draw_unit(self.sensor, unit_seed)
+        if not self.has_rim:
+            unit = replace(unit, rim=NO_RIM)
         gel = replace(self.sensor, radius=unit.radius)
         hand = shoves if self.knocks else None
         drift = errors.gel_drift if errors else (0.0, 0.0)

@@ -113,21 +113,24 @@ def draw_errors(rng: np.random.Generator, unit: int | None = None) -> SetUpError
 
 
 def draw_wear(rng: np.random.Generator) -> tuple[Array, tuple[Mark, ...]]:
-    """Draw the change of a unit's light and skin; a mark is a scratch as often as a grain."""
+    """Draw the change of a unit's light, and the marks on its skin."""
     light = rng.uniform(-0.05, 0.05) + rng.uniform(-0.05, 0.05, 3)
-    marks = []
-    for _ in range(rng.integers(3)):
-        when, row, column, angle = rng.uniform((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, math.pi)).tolist()
-        if rng.random() < 0.5:
-            red, green, blue = rng.uniform(*GRAIN_LEVELS, 3).tolist()
-            width = rng.uniform(*GRAIN_RADIUS)
-            length = 0.0
-        else:
-            red = green = blue = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
-            width = rng.uniform(2.0, 4.0)  # no finer than the coating of 0.15 mm
-            length = rng.uniform(0.1, 0.5)
-        marks.append(Mark(when, (row, column), width, length, angle, (red, green, blue)))
-    return light / WARM_UP, tuple(marks)
+    marks = tuple(draw_mark(rng) for _ in range(rng.integers(3)))
+    return light / WARM_UP, marks
+
+
+def draw_mark(rng: np.random.Generator) -> Mark:
+    """Draw a mark at any moment and place; it is a scratch as often as a grain."""
+    when, row, column, angle = rng.uniform((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, math.pi)).tolist()
+    if rng.random() < 0.5:
+        red, green, blue = rng.uniform(*GRAIN_LEVELS, 3).tolist()
+        width = rng.uniform(*GRAIN_RADIUS)
+        length = 0.0
+    else:
+        red = green = blue = float(rng.choice([-1.0, 1.0]) * rng.uniform(20.0, 60.0))
+        width = rng.uniform(2.0, 4.0)  # no finer than the coating of 0.15 mm
+        length = rng.uniform(0.1, 0.5)
+    return Mark(when, (row, column), width, length, angle, (red, green, blue))
 
 
 def worn(unit: SensorUnit, errors: SetUpErrors, time: Array) -> Iterator[SensorUnit]:
