@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 COUNT = 100_000
 """Most recordings of one object in a folder: number n of a folder with seed s has the seed s * COUNT + n."""
-NO_RIM = 1e-5
-"""[m] Width of a pad's rim that no image shows."""
 SUFFIX = ".mcap"
 """Extension of recordings."""
 
@@ -67,8 +65,6 @@ class Simulation:
     """Nominal profile of the sensor."""
     marks: tuple[Mark, ...] | None = None
     """Marks that appear on the gel in place of those that are drawn with the other errors of a set-up."""
-    has_rim: bool = True
-    """The pad has a hard rim, as every pad has; without one, images show all of a contact."""
 
     def __post_init__(self) -> None:
         check_not_negative(seed=self.seed, unit=self.unit)
@@ -93,7 +89,6 @@ class Simulation:
             + ("" if self.sensor == DIGIT else f", {self.sensor.name}")
             + ("" if self.ideal else f", with systematic errors{'' if self.unit is None else ' of the unit'}")
             + ("" if self.marks is None else f", marks {self.marks}")
-            + ("" if self.has_rim else ", without a rim")
         )
 
     def run(self, progress: Callable[[int], None] | None = None) -> Recording:
@@ -107,8 +102,6 @@ class Simulation:
         if errors and self.marks is not None:
             errors = replace(errors, marks=self.marks)
         unit = draw_unit(self.sensor, unit_seed)
-        if not self.has_rim:
-            unit = replace(unit, rim=NO_RIM)
         gel = replace(self.sensor, radius=unit.radius)
         hand = shoves if self.knocks else None
         drift = errors.gel_drift if errors else (0.0, 0.0)

@@ -70,8 +70,6 @@ class SensorUnit:
     """Share of the light on an imprint that is the same at each pixel, 0 to 1."""
     no_contact: NDArray[np.uint8]
     """Image without contact and noise, (height, width, 3), RGB."""
-    rim: float = 8e-4
-    """Width over which the gel's compliance falls to 0 at the pad's hard rim [m]."""
 
     @cached_property
     def place(self) -> Image:
@@ -87,8 +85,8 @@ class SensorUnit:
 
     @cached_property
     def softness(self) -> Image:
-        """Compliance of the gel at each pixel, (height, width): 1, falling to 0 at the pad's hard rim."""
-        inside = np.clip((self.half_width - np.abs(self.place[0])) / np.float32(self.rim), 0.0, 1.0)
+        """Compliance of the gel at each pixel, (height, width): 1, falling to 0 at the pad's hard rim over 0.8 mm."""
+        inside = np.clip((self.half_width - np.abs(self.place[0])) / np.float32(8e-4), 0.0, 1.0)
         return inside * inside * (3.0 - 2.0 * inside)
 
     def sag(self, y: Any) -> Any:
