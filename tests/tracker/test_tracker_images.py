@@ -65,7 +65,7 @@ def test_what_touches_from_the_first_frame_on_is_told_until_the_sensor_lets_go(r
     lifted = next(index for index, frame in enumerate(frames) if not frame.contact)
     begun = next(index for index, estimate in enumerate(found) if estimate.contact)
     unfelt = [estimate.reason.startswith("in contact since before") for estimate in found]
-    assert begun < 10 and all(unfelt[begun:lifted]) and not any(unfelt[:begun])
+    assert begun < 15 and all(unfelt[begun:lifted]) and not any(unfelt[:begun])
     assert {estimate.status for estimate in found[begun:lifted]} == {"uncertain"}
     known = unfelt.index(False, begun)
     assert not found[known].contact and not any(unfelt[known:])
