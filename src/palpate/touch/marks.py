@@ -65,7 +65,7 @@ def new_marks(image: Image, before: Image) -> Mask | None:
     reach = np.ones((2 * round(cell) + 1,) * 2, np.uint8)
     for spot in np.flatnonzero(are_sharp & (are_thin | are_small)):
         inside = (spot_of == spot).astype(np.uint8)
-        around = (cv2.dilate(inside, reach) & changed) > 0
+        around = (np.asarray(cv2.dilate(inside, reach), np.uint8) & changed) > 0
         if _is_brighter_or_darker(image[around].astype(np.int32) - before[around]):
             marks |= inside
     return np.asarray(cv2.dilate(marks, np.ones((3, 3), np.uint8))) > 0 if marks.any() else None
