@@ -21,15 +21,18 @@ LEAST_JUMPS = 6
 SHARP = 0.2
 """Share of a mark's pixels with such a change. What a touch changes over so small an area has fewer, as the gel smooths
 it; with a share of 0 touches that slide are taken for marks."""
-ONE_WAY = 0.7
-"""Share of a mark's change that is left in its mean: it is brighter or darker all over. The imprint of a corner is as
-thin, but where it comes to is beside where it was."""
+ONE_WAY = 0.8
+"""Share of the change of a mark, and of what has changed within a cell of it, that is left in the mean: a mark is
+brighter or darker all over. The imprint of a corner is as thin, but where it comes to is beside where it was."""
 EDGE = round(CONTACT_DETECTION.significant * CONTACT_DETECTION.least_deviation)
 """Change [grey levels], in the mean over 3 x 3 pixels, from which a pixel belongs to a mark."""
 THIN = 1.0
 """Width of a scratch [cells], half a millimetre on a DIGIT, that none exceeds."""
 SMALL = 2.0
 """Width and height of a grain [cells] that none exceeds."""
+MOST_MOVED = 0.04
+"""Share of an image that changes more widely while a touch slides; where one begins or ends within one image, 0.07 to
+0.7 of real ones do, and what is small may be of it."""
 
 Mask = NDArray[np.bool_]
 
@@ -43,14 +46,14 @@ def new_marks(image: Image, before: Image) -> Mask | None:
 
     every_other_row = cv2.absdiff(image[::2], before[::2]).reshape(-1, 3 * image.shape[1])
     jumps = 2 * cv2.countNonZero(cv2.threshold(every_other_row, JUMP, 1, cv2.THRESH_BINARY)[1])
-    if not LEAST_JUMPS <= jumps <= CONTACT_DETECTION.start * image.size:
+    if not LEAST_JUMPS <= jumps <= MOST_MOVED * image.size:
         return None  # at once, as for most images
     jumped = _are_above(JUMP, cv2.absdiff(image, before))
     changed = _are_above(EDGE, cv2.absdiff(cv2.blur(image, (3, 3)), cv2.blur(before, (3, 3))))
     cell = cell_width(*changed.shape)
     square = np.ones((round(THIN * cell),) * 2, np.uint8)
     wide = np.asarray(cv2.morphologyEx(changed, cv2.MORPH_OPEN, square))
-    if cv2.countNonZero(wide) > CONTACT_DETECTION.start * wide.size:
+    if cv2.countNonZero(wide) > MOST_MOVED * wide.size:
         return None
     count, spot_of, stats, _ = cv2.connectedComponentsWithStats(changed)
     jumps_of = np.bincount(spot_of[jumped > 0], minlength=count)
@@ -59,10 +62,12 @@ def new_marks(image: Image, before: Image) -> Mask | None:
     are_sharp = (jumps_of >= LEAST_JUMPS) & (jumps_of > SHARP * stats[:, cv2.CC_STAT_AREA])
     are_sharp[0] = False  # all that has not changed
     marks = np.zeros_like(changed)
+    reach = np.ones((2 * round(cell) + 1,) * 2, np.uint8)
     for spot in np.flatnonzero(are_sharp & (are_thin | are_small)):
-        inside = spot_of == spot
-        if _is_brighter_or_darker(image[inside].astype(np.int32) - before[inside]):
-            marks[inside] = 1
+        inside = (spot_of == spot).astype(np.uint8)
+        around = (np.asarray(cv2.dilate(inside, reach), np.uint8) & changed) > 0
+        if _is_brighter_or_darker(image[around].astype(np.int32) - before[around]):
+            marks |= inside
     return np.asarray(cv2.dilate(marks, np.ones((3, 3), np.uint8))) > 0 if marks.any() else None
 
 
