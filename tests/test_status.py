@@ -5,7 +5,7 @@ from typing import get_args
 
 import pytest
 
-from palpate.status import TABLE, Ambiguity, Evidence, InputEvidence, PoseEvidence, decide
+from palpate.status import TABLE, Ambiguity, Evidence, Implausible, InputEvidence, PoseEvidence, decide
 from palpate.types.estimate import Status
 
 KNOWN = PoseEvidence(in_contact=True, position_deviation=1e-3, yaw_deviation=0.01, is_beyond_tolerance=False)
@@ -18,6 +18,7 @@ SIGNS = (
     ("indeterminate", "no solution", {"has_begun_anew": True}, {}),
     ("strained", "up to 12 mm from the estimate", {"contradicting_poses": 0.012}, {}),
     ("strained", "put the outline up to 7 mm", {"contradicting_outline": 7e-3}, {}),
+    ("strained", "the indentation is 5 standard deviations", {"implausible": Implausible("depth", 5.2)}, {}),
     ("displaced", "the object was moved", {"is_displaced": True}, {}),
     ("uncertain", "known to 2 mm and 1 degrees", {"is_beyond_tolerance": True}, {}),
     ("tracking", "", {}, {}),
@@ -51,6 +52,11 @@ def test_an_ambiguous_estimate_says_where_its_poses_come_from():
     contradicted = decide(Evidence(replace(KNOWN, ambiguity=TWO_PLACES, contradicting_poses=0.012)))
     assert contradicted.status == "ambiguous"
     assert "up to 12 mm from the estimate" in contradicted.reason and "a shove (2)" in contradicted.reason
+
+
+def test_an_implausible_variable_of_your_own_is_named():
+    reason = decide(Evidence(replace(KNOWN, implausible=Implausible("stiffness", 12.0)))).reason
+    assert "if stiffness is 12 standard deviations" in reason
 
 
 def test_faults_of_the_stream_are_added_to_the_reason():

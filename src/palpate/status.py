@@ -19,6 +19,18 @@ ORIGINS: Mapping[Origin, str] = {
 }
 """Each origin of a hypothesis in words."""
 
+VARIABLES: Mapping[str, str] = {
+    "direction_bias": "the error of all contact directions",
+    "direction_scale": "the scale of contact directions",
+    "place_bias": "the error of all contact places",
+    "depth": "the indentation",
+    "outline_scale": "the size of the outline",
+    "friction_ratio": "the radius of friction with the table",
+    "friction_center": "the centre of friction with the table",
+    "grip": "the friction at the contact",
+}
+"""Each variable of the object in words."""
+
 MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
 """Sentence once touch images are taken as mirrored."""
 
@@ -49,6 +61,15 @@ class Ambiguity:
     """Number of hypotheses of each origin, the best among them."""
 
 
+class Implausible(NamedTuple):
+    """A variable of the object as all that is measured has it, far from what is usual."""
+
+    variable: str
+    """Its name; see `palpate.models.pushing.variables`."""
+    deviations: float
+    """Distance from its prior [standard deviations]."""
+
+
 @dataclass(frozen=True)
 class PoseEvidence:
     """Signs of how well the pose is known, and of what contradicts it."""
@@ -69,6 +90,8 @@ class PoseEvidence:
     """Largest distance of measured poses of the object from the estimate [m], if they contradict it."""
     contradicting_outline: float = 0.0
     """Largest distance of the outline, as measured poses put it, from the contact [m], if they contradict it."""
+    implausible: Implausible | None = None
+    """The least plausible variable of the object, if there is one that is implausible."""
     is_displaced: bool = False
     """True if the object was moved while nothing touched it, and is not found again."""
     takes_images_as_mirrored: bool = False
@@ -106,6 +129,13 @@ def _contradiction(on: Evidence) -> str:
     if on.pose.contradicting_outline > 0.0:
         distance = f"{1e3 * on.pose.contradicting_outline:.0f} mm"
         return f"measured object poses put the outline up to {distance} from where the sensor touches it"
+    if on.pose.implausible is not None:
+        name, deviations = on.pose.implausible
+        variable = VARIABLES.get(name, name)
+        return (
+            f"all that is measured fits only if {variable} is {deviations:.0f} standard deviations from what is usual: "
+            "measured object poses, outline or mounting may be off"
+        )
     return ""
 
 
@@ -161,7 +191,7 @@ TABLE = (
     ),
     StatusRow(
         status="strained",
-        applies=lambda on: on.pose.contradicting_poses > 0.0 or on.pose.contradicting_outline > 0.0,
+        applies=lambda on: _contradiction(on) != "",
         reason=_contradiction,
     ),
     StatusRow(

@@ -1,15 +1,17 @@
 """Measured poses of the object that contradict each other or touch, and those that do not."""
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import planar
 import pytest
-from push_samples import SHAPES, frames, in_two_contacts, noisy, pushed, sensor
+from push_samples import SHAPES, contact_directions, frames, in_two_contacts, model_of, noisy, pushed, sensor
 from tracker_samples import SMOOTHERS, nees, settings, statuses
 
-from palpate import Estimate, ObjectPose, Tracker, TrackerSettings
+from palpate import ContactDirection, Estimate, ObjectPose, Tracker, TrackerSettings
+from palpate.types.measurements import Measurement
 
 Array = np.ndarray
 FINE, ROUGH = (1e-4, 1e-4, 1e-3), (5e-3, 5e-3, 5e-2)
@@ -20,10 +22,16 @@ def camera(o: Array, off: Any = (0.0, 0.0, 0.0), sigma: Any = FINE) -> list[Obje
 
 
 def tracked(
-    o: Array, e: Array, contact: Any, cameras: list[list[ObjectPose]], start: int = 0, how: Any = None
+    name: str,
+    o: Array,
+    e: Array,
+    contact: Any,
+    cameras: Sequence[Sequence[Measurement]],
+    start: int = 0,
+    how: Any = None,
 ) -> list[Estimate]:
-    """The estimates of a push of the rectangle that cameras see from a frame on."""
-    tracker = Tracker(SHAPES["rectangle"], sensor(), o[0], how or TrackerSettings("none", hypotheses=1))
+    """The estimates of a push that cameras see from a frame on."""
+    tracker = Tracker(SHAPES[name], sensor(), o[0], how or TrackerSettings("none", hypotheses=1))
     said = list(zip(*cameras, strict=True))
     return [
         tracker.update(dataclasses.replace(frame, measurements=said[k] if k >= start else ()))
@@ -41,7 +49,7 @@ def is_told(estimate: Estimate) -> bool:
 def test_two_cameras_that_contradict_each_other(ways, off, smoother):
     o, e, contact = in_two_contacts("rectangle", 12)
     cameras = [camera(o, (way * off, 0.0, 0.0)) for way in ways]
-    found = tracked(o, e, contact, cameras, how=TrackerSettings("none", smoother, hypotheses=1))
+    found = tracked("rectangle", o, e, contact, cameras, how=TrackerSettings("none", smoother, hypotheses=1))
     assert set(statuses(found)[2:]) == {"strained"}  # at rest, too
     half = 1e3 * off * (ways[0] - ways[1]) / 2.0
     for estimate in found[5:]:
@@ -54,10 +62,24 @@ def test_two_cameras_that_contradict_each_other(ways, off, smoother):
 
 def test_a_camera_that_contradicts_touch():
     o, e, contact = in_two_contacts("rectangle", 15)
-    found = tracked(o, e, contact, [camera(o, (0.05, 0.0, 0.0))])
+    found = tracked("rectangle", o, e, contact, [camera(o, (0.05, 0.0, 0.0))])
     assert set(statuses(found)[2:]) == {"strained"}
     assert "put the outline up to 50 mm from where the sensor touches it" in found[10].reason
     assert nees(found, o)[2:].max() < 7.8
+
+
+@pytest.mark.parametrize(("turned", "start"), [(0.35, 0), (0.35, 20), (-0.35, 20), (0.0, 20)])
+def test_a_camera_that_is_turned_all_the_time(turned, start):
+    # It is believed, so that touch fits only with directions that are wrong by more than any sensor's.
+    sigma = (1e-3, 1e-3, 1e-2)
+    o, e = pushed("rectangle", 80)
+    seen = noisy(planar.compose(o, [0.0, 0.0, turned]), sigma, np.random.default_rng(5))
+    felt = contact_directions(planar.between(o, e), model_of("rectangle"))
+    direction = [ContactDirection(angle, np.radians(2.0) ** 2) for angle in felt.tolist()]
+    found = tracked("rectangle", o, e, True, [camera(seen, sigma=sigma), direction], start)
+    told = np.array([estimate.status == "strained" and "standard deviations" in estimate.reason for estimate in found])
+    assert told[start + 30 :].all() == bool(turned)
+    assert told.any() == bool(turned)
 
 
 @pytest.mark.parametrize("sigma", [FINE, (1e-3, 1e-3, 1e-2), ROUGH])
@@ -67,7 +89,7 @@ def test_a_camera_as_good_as_it_says_contradicts_nothing(sigma):
     seen = noisy(o, sigma, rng)
     seen[::9] = planar.compose(o[::9], planar.exp(np.array([3.0, 0.0, 0.0]) * sigma))  # three standard deviations off
     for how in (settings("none"), TrackerSettings("none")):
-        found = tracked(o, e, contact, [camera(seen, sigma=sigma)], how=how)
+        found = tracked("rectangle", o, e, contact, [camera(seen, sigma=sigma)], how=how)
         assert not any(is_told(estimate) for estimate in found)
 
 
@@ -79,7 +101,7 @@ def test_an_object_that_a_hand_has_moved_is_followed(rests):
     o = np.concatenate([o1, np.tile(o1[-1], (rests, 1)), np.tile(moved, (20, 1))])
     sigma = (1e-3, 1e-3, 1e-2)
     seen = camera(noisy(o, sigma, np.random.default_rng(1)), sigma=sigma)
-    found = tracked(o, np.concatenate([e1, away]), np.arange(len(o)) < 11, [seen])
+    found = tracked("rectangle", o, np.concatenate([e1, away]), np.arange(len(o)) < 11, [seen])
     # Two frames may be errors, the third is none, and it is said until eight frames have agreed.
     told = [k - 11 - rests for k, estimate in enumerate(found) if is_told(estimate)]
     assert told == [*range(2, 11)]

@@ -78,7 +78,7 @@ class MultiHypothesisFilter:
         self._lag = LAG if settings.smoother == "fixed-lag" else _UNLIMITED_LAG
         length, angle = settings.tolerance
         self._tolerance = Tolerance(length, math.inf if is_round(model) else angle)
-        self._monitor = ConsistencyMonitor(model, settings.noise)
+        self._monitor = ConsistencyMonitor(model, settings.noise, self._prior)
         self._weigher = Weigher(self._prior)
         self._own = OwnMeasurements(model=compiled.model)
         self._rest_graph = Graph(self._settings_record, model, self._own, compiled)
@@ -272,6 +272,7 @@ class MultiHypothesisFilter:
         )
         if measures_pose or bank.rows.contradictions.any():
             bank.rows = self._monitor.test_outline(bank.rows, step.sensor_pose, measures_pose)
+        bank.rows = self._monitor.test_variables(bank.rows)
         self._times = step.times[-LAG:]
         self._steps += 1
         self._sensor_pose = step.sensor_pose

@@ -14,7 +14,7 @@ from palpate.hypotheses.rows import Hypotheses
 from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.variables import GRIP
-from palpate.status import Ambiguity, PoseEvidence, Verdict
+from palpate.status import Ambiguity, Implausible, PoseEvidence, Verdict
 from palpate.types.estimate import Answer, Estimate, Origin
 
 _FOUND_SIGMA = np.array((0.005, 0.005, 0.1))
@@ -115,7 +115,7 @@ def posterior_of(
     in_contact = touching is not None
     known = rows.whole_belief.pose_covariance
     covariances = known + monitor.set_up_covariance
-    contradictions = (0.0, 0.0)
+    contradictions = (0.0, 0.0, 0.0)
     if rows.contradictions.any():
         covariances = covariances + monitor.contradiction_covariance(rows)
         contradictions = contradicting_distances(rows)[0].tolist()
@@ -138,6 +138,7 @@ def posterior_of(
         has_begun_anew=circumstances.has_begun_anew,
         contradicting_poses=contradictions[0],
         contradicting_outline=contradictions[1],
+        implausible=Implausible(*monitor.least_plausible(rows)) if contradictions[2] > 0.0 else None,
         is_displaced=_is_displaced(rows, _at(monitor.to_centroid, known[0]), in_contact, tolerance),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=rows.has_mirrors,

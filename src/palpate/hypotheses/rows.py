@@ -15,7 +15,7 @@ CONTRADICTION_FRAMES = 10
 """Frames over which contradictions by measured poses are remembered."""
 OBSERVABLE_YAW_SIGMA = 0.05
 """[rad] standard deviation of a round object's yaw that a graph may know of."""
-_BY_POSES_AND_OUTLINE = 2
+_KINDS_OF_CONTRADICTION = 3
 _YAW_ONLY = np.diag([0.0, 0.0, 1.0])
 
 
@@ -30,8 +30,8 @@ class Hypotheses(RowArrays):
     displacement: Array
     """Least displacement of the object since it was last touched, (B,) [m]."""
     contradictions: Array
-    """Distance of measured poses from the estimate, and of the measured outline from the contact, at the last frames;
-    0 where they agree, (B, 2, CONTRADICTION_FRAMES) [m]."""
+    """Distance of measured poses from the estimate, of the measured outline from the contact, and possible error by a
+    variable that is implausible, at the last frames; 0 where all agrees, (B, 3, CONTRADICTION_FRAMES) [m]."""
     log_prior: Array
     """Log probability without the current contact, (B,)."""
     weight: Array
@@ -109,7 +109,7 @@ def single_hypothesis(belief: Belief, touch_sign: float) -> Hypotheses:
         belief,
         unobservable_yaw=np.zeros(1),
         displacement=np.zeros(1),
-        contradictions=np.zeros((1, _BY_POSES_AND_OUTLINE, CONTRADICTION_FRAMES)),
+        contradictions=np.zeros((1, _KINDS_OF_CONTRADICTION, CONTRADICTION_FRAMES)),
         log_prior=np.zeros(1),
         weight=np.ones(1),
         touch_sign=np.full(1, touch_sign),

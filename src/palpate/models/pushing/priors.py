@@ -15,6 +15,8 @@ from palpate.models.pushing.model import MODEL
 class ObjectPrior:
     """Belief about the object's variables before its first contact, and how they change."""
 
+    names: tuple[str, ...]
+    """Name of each number's variable, V of them."""
     mean: Array
     """Means (V,)."""
     deviation: Array
@@ -28,16 +30,19 @@ class ObjectPrior:
 @lru_cache(maxsize=32)
 def object_prior(priors: Priors, model: Model = MODEL) -> ObjectPrior:
     """Return the prior of a model's object: by the settings where these have it, else as the variable states it."""
+    names: list[str] = []
     means: list[float] = []
     deviations: list[float] = []
     changes: list[tuple[float, float]] = []
     for variable in model.of("object"):
         mean, deviation = getattr(priors, variable.name, variable.prior)
+        names.extend(variable.dimension * [variable.name])
         means.extend(variable.dimension * [mean])
         deviations.extend(variable.dimension * [deviation])
         changes.extend(variable.dimension * [variable.change])
     share = np.array(changes).T
     return ObjectPrior(
+        names=tuple(names),
         mean=np.array(means),
         deviation=np.array(deviations),
         change_between_contacts=np.square(share[0] * deviations),
