@@ -13,21 +13,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from _common import for_each, write
+from _common import clipped_rmse, for_each, paired, pooled_rmse, write
 
 import palpate
 from palpate import Recording
 from palpate.arrays import Array, Flags
 from palpate.geometry.shapes import SHAPES
-from palpate.pipeline.metrics import flag_runs, nees, since_contact, translation_errors
+from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import track
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.touch_model import difference_in_light, reduced, shipped_model
 from palpate_lab.simulate.recordings import Simulation, plan
 from palpate_lab.simulate.set_up_errors import Mark, draw_mark
 
-LARGEST_MM = 30.0
-"""RMSE of a recording above which it counts as this: the object is lost, however far."""
 LOST_MM = 50.0
 """Final error from which an object counts as lost."""
 WRONG = np.radians(8.0)
@@ -43,9 +41,8 @@ def main(pairs: int, seed: int) -> None:
     """Make and track pairs of recordings and write the scores of both halves."""
     found = for_each(pair_of_scores, simulations(pairs, seed))
     rows = {case: pooled([each[case] for each in found]) for case in ("without", "with")}
-    more = np.array([each["with"]["rmse_mm"] - each["without"]["rmse_mm"] for each in found])
-    paired = {"more_rmse_mm": float(more.mean()), "standard_error_mm": float(more.std(ddof=1) / np.sqrt(len(more)))}
-    write("marks", {"pairs": len(found), "seed": seed, **rows, "paired": paired})
+    more_mm = paired(*([each[case]["rmse_mm"] for each in found] for case in ("without", "with")))
+    write("marks", {"pairs": len(found), "seed": seed, **rows, "more_rmse_mm": more_mm})
 
 
 def simulations(pairs: int, seed: int) -> list[Simulation]:
@@ -88,16 +85,12 @@ def draw_mark_near_contact(recording: Recording, rng: np.random.Generator) -> Ma
 def scored(recording: Recording) -> dict[str, float]:
     """Track a recording and return its scores."""
     run = track(recording, palpate.TrackerSettings("learnt"))
-    online = run.online
-    errors = translation_errors(online.pose, recording.truth)
-    since = since_contact(online.contact, nees(online.pose, online.covariance, recording.truth))
     seen, error, sigma = readings(recording)
     assert recording.contact is not None
     touched = np.convolve(recording.contact, np.ones(2 * NEAR + 1), mode="same") > 0.0
     return {
-        "rmse_mm": min(float(1e3 * np.sqrt(np.mean(errors[since] ** 2))), LARGEST_MM),
-        "frames": int(since.sum()),
-        "final_mm": float(1e3 * errors[-1]),
+        "rmse_mm": clipped_rmse(run),
+        "final_mm": run.summary["final_translation_error_mm"],
         "contact_frames": int(seen.sum()),
         "false_contacts": int((seen & ~touched).sum()),
         "missed_contacts": int((~seen & recording.contact).sum()),
@@ -134,7 +127,7 @@ def pooled(scores: Sequence[Mapping[str, float]]) -> dict[str, float]:
     of = {name: np.array([each[name] for each in scores]) for name in scores[0]}
     contact = of["contact_frames"].sum()
     return {
-        "rmse_mm": float(np.sqrt(np.mean(of["rmse_mm"] ** 2))),
+        "rmse_mm": pooled_rmse(of["rmse_mm"]),
         "final_median_mm": float(np.median(of["final_mm"])),
         "lost": int((of["final_mm"] > LOST_MM).sum()),
         "false_contact_frames": int(of["false_contacts"].sum()),
