@@ -103,7 +103,7 @@ class TouchSettings:
 class StickingSettings:
     """Sticking contact: sliding while the pushing force is inside the friction cone."""
 
-    zero_allowed = ("share", "sliding_share", "expected_share")
+    zero_allowed = ("share", "sliding_share")
     still: float = 2e-5
     """Sliding in a step without sensor motion [m]."""
     share: float = 0.06
@@ -111,9 +111,6 @@ class StickingSettings:
     slides as much while it should stick."""
     sliding_share: float = 2.0
     """The same at the cone's edge. A slide goes on in one direction for many steps, so only a large value allows it."""
-    expected_share: float = 0.25
-    """Expected slide at the cone's edge to the side of the force, as a share of the sensor's motion. In simulation it is
-    0.2 to 0.8; with 0, slides are estimated too short, and friction too high."""
     margin: float = 0.04
     """Distance of the force's direction from the cone's edge at which the contact begins to stick [rad]."""
     width: float = 0.03

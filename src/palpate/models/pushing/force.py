@@ -1,8 +1,4 @@
-"""Angle of the pushing force, by the motion of the object over several steps, and by how much the contact slides.
-
-The angle decides if a contact slides, and the slide turns the force: if all of a change were taken over at once, a
-contact at the edge of the friction cone would stick and slide in turns and never be solved.
-"""
+"""Angle of the pushing force, by the motion of the object over several steps."""
 
 import math
 from typing import Any
@@ -10,15 +6,11 @@ from typing import Any
 from palpate.arrays import Records
 from palpate.compiled import kernel
 from palpate.estimation.model import Model
-from palpate.manifolds.function_kernels import beyond, side
-from palpate.manifolds.se2_kernels import position, rotation, wrap
-from palpate.models.pushing.variables import FRICTION_CENTER, GRIP
+from palpate.manifolds.se2_kernels import position, rotation
+from palpate.models.pushing.variables import FRICTION_CENTER
 
 NEIGHBOURS = 3
 """Steps before and after a step over which the angle of the force is computed: one alone is mostly noise."""
-EASING = 0.25
-"""Share of a change of the angle that one Gauss-Newton step takes over. With 1, exact touch is tracked worse than that
-read from images."""
 
 
 def make_force_angle(model: Model) -> Any:
@@ -46,54 +38,32 @@ def make_force_angle(model: Model) -> Any:
     return force_angle
 
 
-def make_put_force(model: Model) -> Any:
-    """Return the compiled function that writes angle and sliding at a step."""
-    write = _make_write(model)
+def make_put_force_angle(model: Model) -> Any:
+    """Return the compiled function that writes the angle of the pushing force at a step."""
+    force_angle = make_force_angle(model)
 
     @kernel
-    def put_force(steps: Records, k: int, row: Records, settings: Records) -> None:
-        """Write the angle of the pushing force at step k, and how much the contact slides."""
-        write(steps, k, row, settings)
+    def put_force_angle(steps: Records, k: int, row: Records, settings: Records) -> None:
+        """Write the angle of the pushing force at step k."""
+        steps[k].force_angle = force_angle(steps, k, row, settings)
 
-    return put_force
+    return put_force_angle
 
 
-def make_put_last_force(model: Model) -> Any:
-    """Return the compiled function that writes angle and sliding at the last step."""
-    write = _make_write(model)
+def make_put_last_force_angle(model: Model) -> Any:
+    """Return the compiled function that writes the angle of the pushing force at the last step."""
+    force_angle = make_force_angle(model)
 
     @kernel
-    def put_last_force(steps: Records, row: Records, settings: Records) -> None:
-        """Write the same at the last step, once the steps have moved."""
+    def put_last_force_angle(steps: Records, row: Records, settings: Records) -> None:
+        """Write the angle at the last step, once the steps have moved."""
         last = len(steps) - 1
         for k in range(max(last - NEIGHBOURS, 0), last):
             steps[k].turn_g = rotation(steps[k].g[2])
             steps[k].turn_e = rotation(steps[k].e[2])
-        write(steps, last, row, settings)
+        steps[last].force_angle = force_angle(steps, last, row, settings)
 
-    return put_last_force
-
-
-def _make_write(model: Model) -> Any:
-    force_angle = make_force_angle(model)
-    grip_at = model.in_shared[GRIP].start
-
-    @kernel
-    def write(steps: Records, k: int, row: Records, settings: Records) -> None:
-        now = steps[k]
-        now.force_angle = eased(now.force_angle, force_angle(steps, k, row, settings))
-        edge = math.atan(math.exp(row.shared[grip_at])) - settings.sticking.margin
-        now.sliding = side(now.force_angle) * beyond(now.force_angle, edge, settings.sticking.width) if k > 0 else 0.0
-
-    return write
-
-
-@kernel
-def eased(before: float, angle: float) -> float:
-    """Return an angle [rad] on the way from the one before, which is 0 where there is none yet."""
-    if before == 0.0 or not math.isfinite(before):
-        return angle
-    return wrap(before + EASING * wrap(angle - before))
+    return put_last_force_angle
 
 
 @kernel
