@@ -70,7 +70,7 @@ class PoseMonitor:
         self._repeats = 0  # identical poses in a row
         self._runs: deque[int] = deque(maxlen=_RECENT_FRAMES)  # times that the last poses came in a row
         self._is_frozen = False  # the pose stands while the sensor moves, as far as is known
-        self._stops_at_once = False  # this robot has stopped at once in a contact, and moved on from there
+        self._stands_exactly = False  # this robot has stood at one exact pose, or stopped at once, and moved on from there
         self._elsewhere: list[_Sample] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
         self._in_contact = False
@@ -107,7 +107,8 @@ class PoseMonitor:
         repeats = self._last is not None and last.pose == now.pose
         goes_on = in_contact and self._in_contact
         has_stood = goes_on and not repeats and self._has_stood(time, step)
-        self._stops_at_once = self._stops_at_once or has_stood
+        stood_exactly = not repeats and self._repeats >= _FRAMES_TO_CONFIRM and step < _HARMLESS_MOTION
+        self._stands_exactly = self._stands_exactly or has_stood or stood_exactly
         possible_push = step if in_contact else self._push_before_release(step, interval)
         self._implausible_time = None
         jumps = goes_on and not self._is_plausible(interval, last.pose, now.pose)
@@ -193,14 +194,15 @@ class PoseMonitor:
         """Return True if the sensor goes on while its pose stands: the touch goes on changing.
 
         If touch does not tell, a robot slows down before it stands, so that a pose which repeats from full speed on is
-        frozen, unless this robot has stopped so before.
+        frozen. Some stop at once: in a stream that once stood at an exact pose and moved on from there, repeats mean
+        nothing.
         """
         settles = _FRAMES_TO_CONFIRM * round(median(self._runs or (1,)))  # some streams repeat each pose
         stood = self._repeats - 1
         if stood < settles:
             return False
         goes_on = touch.go_on(stood, settles)
-        return not self._stops_at_once and self._stopped_at_once() if goes_on is None else goes_on
+        return not self._stands_exactly and self._stopped_at_once() if goes_on is None else goes_on
 
     def _stopped_at_once(self) -> bool:
         """Return True if the sensor did not slow down before its pose stood."""
