@@ -18,7 +18,7 @@ from palpate.manifolds.se2_kernels import position, rotation
 from palpate.models.generated import linearise_measured, linearise_step, put_rotations
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel, Surface, contact_model, put_touch
-from palpate.models.pushing.force import make_force_angle
+from palpate.models.pushing.force import make_put_force
 from palpate.models.pushing.layout import IN_SHARED, NAMES, OBJECT_SIZE
 from palpate.models.pushing.measurements import Step, terms_of
 from palpate.models.pushing.settings import settings_record
@@ -27,7 +27,7 @@ from palpate.models.pushing.variables import GRIP
 Array = np.ndarray
 LINEAR, ROW, STEP, TERM = PUSHING.records.linear, PUSHING.records.row, PUSHING.records.step, PUSHING.records.term
 STEP_FACTORS = NAMES.index("contact") + 1
-force_angle = make_force_angle(PUSHING.model)
+put_force = make_put_force(PUSHING.model)
 Shared = Mapping[Variable, ArrayLike]
 
 RADIUS = 0.021  # [m], the DIGIT's
@@ -101,7 +101,7 @@ def _linearise(
             now.turn_measured = rotation(now.measured[2])
             put_touch(position(now.g), now.turn_g, surface, now.touch)
         for k in range(steps.shape[1]):
-            steps[b, k].force_angle = force_angle(steps[b], k, rows[b], settings[0])
+            put_force(steps[b], k, rows[b], settings[0])
         last, before = steps[b, steps.shape[1] - 1], steps[b, steps.shape[1] - 2]
         if kind < STEP_FACTORS:
             linearise_step(kind, before, last, rows[b], settings[0], out[b, 0])

@@ -50,7 +50,7 @@ PLAIN = with_settings(
     contact={"kernel": None},
     direction={"share": 0.4, "kernel": None},
     turn={"share": 4.0, "kernel": None},
-    sticking={"sliding_share": ROBUST.sticking.share, "kernel": None},
+    sticking={"sliding_share": ROBUST.sticking.share, "expected_share": 0.0, "kernel": None},
     balance={"kernel": None},
     friction_cone={"share": None, "kernel": None},
 )

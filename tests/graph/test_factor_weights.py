@@ -1,5 +1,6 @@
 """Weights of factors by their settings, computed by hand."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -74,6 +75,45 @@ def test_between_holding_and_sliding(side):
     assert sigmas(SLIDE, side * (EDGE + 0.02))[0, 3] == pytest.approx(off * np.sqrt(27 / 25))
     # The better the grip the wider the cone.
     np.testing.assert_allclose(sigmas(SLIDE, side * EDGE, grip=0.8)[0, :2], holds, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("angle", "expected"),
+    [
+        (EDGE + 0.2, 0.3e-3),  # the force points up the left side: the sensor is expected to slide up by 0.3 of 1 mm
+        (-EDGE - 0.2, -0.3e-3),
+        (EDGE - 0.1, 0.15e-3),  # the edge less the margin: half of it
+        (0.2, 0.0),
+    ],
+)
+def test_a_slide_is_expected_to_the_side_of_the_force(angle, expected):
+    # On the left side, the object moves by 1 mm at this angle from the normal, and the sensor slides up by 0.1 mm.
+    noise = with_settings(SLIDE, sticking={"expected_share": 0.3, "margin": 0.1})
+    g = np.tile(touching(ONE_TIP, 0.02), (1, 2, 1))
+    o = [[np.zeros(3), 1e-3 * np.array([np.cos(angle), np.sin(angle), 0.0])]]
+    g[0, 1, 1] += 1e-4
+    at = values_at(ONE_TIP, g, se2.compose(o, g), {GRIP: np.log(0.4)})
+    found = rows_of("sticking", at, moved=1e-3, noise=noise).residual[0, 0]
+    # A slide is that of the object over the sensor, which is down.
+    np.testing.assert_allclose(found, [0.0, expected - 1e-4], atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("angle", "before", "eased"),
+    [
+        (0.4, 0.0, 0.4),  # there is none before
+        (0.4, math.nan, 0.4),
+        (0.4, 0.2, 0.25),
+        (-3.1, 3.1, 3.1 + (2.0 * math.pi - 6.2) / 4.0),  # the short way round
+    ],
+)
+def test_the_angle_of_the_force_follows_its_changes_slowly(angle, before, eased):
+    g = np.tile(touching(ONE_TIP, 0.02), (1, 2, 1))
+    o = [[np.zeros(3), 1e-3 * np.array([np.cos(angle), np.sin(angle), 0.0])]]
+    at = values_at(ONE_TIP, g, se2.compose(o, g), {GRIP: np.log(0.4)})
+    at.steps["force_angle"][0, 1] = before
+    rows_of("sticking", at)
+    assert at.steps["force_angle"][0, 1] == pytest.approx(eased, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,8 @@ def test_a_slide_at_the_edge_of_the_cone_is_followed(y, heading, grip, seed):
     # Of a slide the grip is learnt as well.
     assert belief.covariance[0, -1, -1] < 0.7 * ROBUST.priors.grip[1] ** 2
     # Taken for sticking it is missed altogether, and nothing says so.
-    stuck = with_settings(ROBUST, sticking={"sliding_share": 0.05}, friction_cone={"share": None})
+    holding = {"sliding_share": 0.05, "expected_share": 0.0}
+    stuck = with_settings(ROBUST, sticking=holding, friction_cone={"share": None})
     _, along, nees = followed(o, e, stuck, seed)
     assert abs(along) > 0.9 * abs(way)
     assert nees > 100.0

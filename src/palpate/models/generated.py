@@ -74,7 +74,7 @@ def put_rotations(now: Records) -> None:
 
 @kernel
 def sticking(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
-    """Return the slide along x and y of the object [m]."""
+    """Return the slide along x and y of the object, less the expected one along the outline [m]."""
     applies = (now.spread <= 0.0)
     if not applies:
         return 0
@@ -88,29 +88,29 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, out
     now_material_y_by_g0 = now.touch.material_by_g[0].imag
     now_material_y_by_g1 = now.touch.material_by_g[1].imag
     now_material_y_by_g2 = now.touch.material_by_g[2].imag
-    t0 = settings.sticking.still**2
-    t1 = now.moved**2
-    t2 = settings.sticking.share**2*t1 + t0
-    t4 = math.exp(row.shared[10])
-    t5 = math.atan(t4)
-    t6 = -settings.sticking.margin + t5
-    t7 = beyond(now.force_angle, t6, settings.sticking.width)
-    t3 = t2*((settings.sticking.sliding_share**2*t1 + t0)/t2)**t7
-    out.residual[0] = before_g_cos*now_material_x - before_g_sin*now_material_y + before.g[0] - now.touch.point.real
-    out.residual[1] = before_g_cos*now_material_y + before_g_sin*now_material_x + before.g[1] - now.touch.point.imag
+    now_moved = now.moved
+    now_sliding = now.sliding
+    t0 = settings.sticking.expected_share*now_moved*now_sliding
+    t1 = settings.sticking.still**2
+    t2 = now_moved**2
+    t3 = settings.sticking.share**2*t2 + t1
+    t5 = side(now_sliding)
+    t4 = t3*((settings.sticking.sliding_share**2*t2 + t1)/t3)**(now_sliding*t5)
+    out.residual[0] = before_g_cos*now_material_x - before_g_sin*now_material_y + before.g[0] + now.touch.normal.imag*t0 - now.touch.point.real
+    out.residual[1] = before_g_cos*now_material_y + before_g_sin*now_material_x + before.g[1] - now.touch.normal.real*t0 - now.touch.point.imag
     out.jacobian[0, 0] = before_g_cos
     out.jacobian[0, 1] = -before_g_sin
     out.jacobian[0, 2] = -before_g_cos*now_material_y - before_g_sin*now_material_x
-    out.jacobian[0, 6] = before_g_cos*now_material_x_by_g0 - before_g_sin*now_material_y_by_g0 - now.touch.point_by_g[0].real
-    out.jacobian[0, 7] = before_g_cos*now_material_x_by_g1 - before_g_sin*now_material_y_by_g1 - now.touch.point_by_g[1].real
-    out.jacobian[0, 8] = before_g_cos*now_material_x_by_g2 - before_g_sin*now_material_y_by_g2 - now.touch.point_by_g[2].real
+    out.jacobian[0, 6] = before_g_cos*now_material_x_by_g0 - before_g_sin*now_material_y_by_g0 + now.touch.normal_by_g[0].imag*t0 - now.touch.point_by_g[0].real
+    out.jacobian[0, 7] = before_g_cos*now_material_x_by_g1 - before_g_sin*now_material_y_by_g1 + now.touch.normal_by_g[1].imag*t0 - now.touch.point_by_g[1].real
+    out.jacobian[0, 8] = before_g_cos*now_material_x_by_g2 - before_g_sin*now_material_y_by_g2 + now.touch.normal_by_g[2].imag*t0 - now.touch.point_by_g[2].real
     out.jacobian[1, 0] = before_g_sin
     out.jacobian[1, 1] = before_g_cos
     out.jacobian[1, 2] = before_g_cos*now_material_x - before_g_sin*now_material_y
-    out.jacobian[1, 6] = before_g_cos*now_material_y_by_g0 + before_g_sin*now_material_x_by_g0 - now.touch.point_by_g[0].imag
-    out.jacobian[1, 7] = before_g_cos*now_material_y_by_g1 + before_g_sin*now_material_x_by_g1 - now.touch.point_by_g[1].imag
-    out.jacobian[1, 8] = before_g_cos*now_material_y_by_g2 + before_g_sin*now_material_x_by_g2 - now.touch.point_by_g[2].imag
-    information0 = 1.0 / (t3)
+    out.jacobian[1, 6] = before_g_cos*now_material_y_by_g0 + before_g_sin*now_material_x_by_g0 - now.touch.normal_by_g[0].real*t0 - now.touch.point_by_g[0].imag
+    out.jacobian[1, 7] = before_g_cos*now_material_y_by_g1 + before_g_sin*now_material_x_by_g1 - now.touch.normal_by_g[1].real*t0 - now.touch.point_by_g[1].imag
+    out.jacobian[1, 8] = before_g_cos*now_material_y_by_g2 + before_g_sin*now_material_x_by_g2 - now.touch.normal_by_g[2].real*t0 - now.touch.point_by_g[2].imag
+    information0 = 1.0 / (t4)
     left = cauchy(information0 * out.residual[0]**2 + information0 * out.residual[1]**2, settings.sticking.kernel)
     out.information[0] = information0
     out.weight[0] = information0 * left

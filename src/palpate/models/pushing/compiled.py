@@ -31,8 +31,8 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         linearise_step=code.linearise_step,
         linearise_measured=code.linearise_measured,
         prepare_step=step.prepare_step,
-        prepare_process=force.make_put_force_angle(model),
-        prepare_last=force.make_put_last_force_angle(model),
+        prepare_process=force.make_put_force(model),
+        prepare_last=force.make_put_last_force(model),
         put_object=step.put_object,
         put_object_derivative=step.put_object_derivative,
     )

@@ -52,7 +52,7 @@ MODEL = Model(
         OBJECT_POSE,
     ),
     geometry=CONTACT_GEOMETRY,
-    step_numbers=("moved", "force_angle", "slide", "spread", "is_resting"),
+    step_numbers=("moved", "force_angle", "sliding", "slide", "spread", "is_resting"),
     step_poses=("measured",),
 )
 """Variables and factors, in the order of their places in vectors and tables."""

@@ -3,12 +3,14 @@
 The sensor's material point m that touches the outline point p at step 1 was at `g0 m` at step 0. Rolling by a small
 angle keeps the point in place up to r angle^2 / 2. This is the paper's `V + omega x p - Vp` without linearising the
 rotation, which would let the object drift by omega^2 p / 2 a step.
+
+At the cone's edge it slides, and only to the side of the force.
 """
 
 from typing import Any
 
 from palpate.estimation.factor import Factor
-from palpate.manifolds.functions import Scalar, arctan, beyond, exp
+from palpate.manifolds.functions import Scalar, side
 from palpate.manifolds.planar import Vector
 
 
@@ -17,21 +19,22 @@ def slide(before: Any, now: Any) -> Vector:
     return before.g.act(now.touch.material) - now.touch.point
 
 
-def residual(before: Any, now: Any) -> tuple[Scalar, Scalar]:
-    """Return the slide along x and y of the object [m]."""
+def residual(before: Any, now: Any, noise: Any) -> tuple[Scalar, Scalar]:
+    """Return the slide along x and y of the object, less the expected one along the outline [m]."""
     slid = slide(before, now)
-    return slid.x, slid.y
+    along = now.touch.normal.turned_left()
+    expected = noise.expected_share * now.sliding * now.moved
+    return slid.x - expected * along.x, slid.y - expected * along.y
 
 
-def variance(now: Any, noise: Any, grip: Scalar) -> tuple[Scalar, Scalar]:
-    """Return the variances of a slide [m^2], by the angle of the pushing force.
+def variance(now: Any, noise: Any) -> tuple[Scalar, Scalar]:
+    """Return the variances of a slide [m^2], which depend on the angle of the pushing force by `now.sliding`.
 
     Inside the cone a step slides by a small share of the sensor's motion, at the cone's edge by any amount.
     """
     sticks = noise.still**2 + (noise.share * now.moved) ** 2
     slides = noise.still**2 + (noise.sliding_share * now.moved) ** 2
-    at_edge = beyond(now.force_angle, arctan(exp(grip)) - noise.margin, noise.width)
-    both = sticks * (slides / sticks) ** at_edge
+    both = sticks * (slides / sticks) ** (side(now.sliding) * now.sliding)
     return both, both
 
 
