@@ -132,13 +132,15 @@ def test_a_robot_that_stands_is_not_frozen(places):
     assert all(estimate.status != "faulty" for estimate in found)
 
 
-def test_a_robot_that_stands_before_it_moves_may_be_frozen_later():
+def test_without_images_a_robot_that_once_stood_at_an_exact_pose_is_not_frozen_when_it_waits():
+    """Robots stop at once at pushing speeds, and nothing but touch tells one that waits from a frozen stream."""
     tracker = new_tracker()
     for frame in range(20):
         step(tracker, frame, at(-20), contact=False)
     for frame in range(20, 60):
         step(tracker, frame, at(frame - 40), contact=frame >= 40)
-    assert [step(tracker, frame, at(19)).status for frame in range(60, 75)][-1] == "faulty"
+    found = [step(tracker, frame, at(19)) for frame in range(60, 75)]
+    assert "faulty" not in {estimate.status for estimate in found}
 
 
 def test_a_robot_that_stops_at_once_and_goes_on_from_there_is_not_frozen_later():
