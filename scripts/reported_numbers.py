@@ -204,6 +204,13 @@ def of_json(path: str, names: Mapping[str, str], *within: str) -> Callable[[], I
     return rows
 
 
+def tails() -> Iterator[Row]:
+    """Yield a row for each study that two versions were compared on."""
+    names = {"systematic": "with errors of a set-up", "plain": "without", "knocked": "with shoves", "mini": "of a Mini"}
+    for study, row in loaded("docs/study/tails.json").items():
+        yield {**row, "name": names[study], "rmse": row["new less old"]["rmse_mm"]}
+
+
 def step_times() -> Iterator[Row]:
     """Yield a row for each case of the benchmark of steps."""
     names = {
@@ -268,6 +275,39 @@ TABLES: dict[str, Table] = {
             "lost": "{lost}",
         },
         partial(by_object, "knocked"),
+    ),
+    "tails": Table(
+        {
+            "recordings": "{recordings} {name}",
+            "RMSE before, now": "{old[rmse_mm]:.1f}, {new[rmse_mm]:.1f} mm",
+            "of each, paired": "{rmse[mean]:+.2f} ± {rmse[standard_error]:.2f} mm",
+            "lost": "{old[lost]}, {new[lost]}",
+            "`ambiguous`": "{old[ambiguous]:.1%}, {new[ambiguous]:.1%}",
+            "in 95 %, in contact": "{old[inside_contact]:.1%}, {new[inside_contact]:.1%}",
+            "silently wrong": "{old[silent]:.1%}, {new[silent]:.1%}",
+            "nats": "{old[nats_median]:.1f}, {new[nats_median]:.1f}",
+        },
+        tails,
+    ),
+    "rim": Table(
+        {
+            "contact": "{name}",
+            "RMSE": "{rmse_mm:.1f} mm",
+            "final error": "{final_median_mm:.1f} mm",
+            "frames missed, false": "{missed_share:.1%}, {false_share:.1%}",
+        },
+        of_json("docs/study/rim.json", {"contact seen": "as images show it", "contact told": "told in each frame"}),
+    ),
+    "marks": Table(
+        {
+            "gel": "{name}",
+            "RMSE": "{rmse_mm:.1f} mm",
+            "final error": "{final_median_mm:.1f} mm",
+            "lost": "{lost}",
+            "false frames of contact": "{false_contact_frames}",
+            "directions more than 8° wrong that claim 10° or less": "{wrong_direction_share:.2%}",
+        },
+        of_json("docs/study/marks.json", {"without": "without a mark", "with": "with a mark in or before a contact"}),
     ),
     "ways": Table({"touch": "{name}", "sequences": "{count}", **SCORES, "lost": "{lost}"}, ways),
     "mini": Table({"objects": "{name}", "sequences": "{count}", **SCORES}, partial(by_object, "gelsight_mini")),
