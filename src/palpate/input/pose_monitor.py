@@ -70,7 +70,7 @@ class PoseMonitor:
         self._repeats = 0  # identical poses in a row
         self._runs: deque[int] = deque(maxlen=_RECENT_FRAMES)  # times that the last poses came in a row
         self._is_frozen = False  # the pose stands while the sensor moves, as far as is known
-        self._stands_exactly = False  # this robot has stood at one exact pose, or stopped at once, and moved on from there
+        self._stands_exactly = False  # this robot has stood at an exact pose, or stopped at once, and moved on
         self._elsewhere: list[_Sample] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
         self._in_contact = False
