@@ -296,7 +296,7 @@ TABLES: dict[str, Table] = {
             "final error": "{final_median_mm:.1f} mm",
             "frames missed, false": "{missed_share:.1%}, {false_share:.1%}",
         },
-        of_json("docs/study/rim.json", {"contact seen": "as images show it", "contact told": "told in each frame"}),
+        of_json("docs/study/rim.json", {"contact seen": "from images", "contact told": "given in each frame"}),
     ),
     "marks": Table(
         {
