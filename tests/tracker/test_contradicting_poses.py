@@ -10,8 +10,7 @@ import pytest
 from push_samples import SHAPES, contact_directions, frames, in_two_contacts, model_of, noisy, pushed, sensor
 from tracker_samples import SMOOTHERS, nees, settings, statuses
 
-from palpate import ContactDirection, Estimate, ObjectPose, Tracker, TrackerSettings
-from palpate.types.measurements import Measurement
+from palpate import ContactDirection, Estimate, Measurement, ObjectPose, Tracker, TrackerSettings
 
 Array = np.ndarray
 FINE, ROUGH = (1e-4, 1e-4, 1e-3), (5e-3, 5e-3, 5e-2)
