@@ -4,7 +4,7 @@ The sensor's material point m that touches the outline point p at step 1 was at 
 angle keeps the point in place up to r angle^2 / 2. This is the paper's `V + omega x p - Vp` without linearising the
 rotation, which would let the object drift by omega^2 p / 2 a step.
 
-At the cone's edge it slides, to the side of the force; by how much is not expected unless the settings say so.
+At the cone's edge it slides, and only to the side of the force.
 """
 
 from typing import Any
