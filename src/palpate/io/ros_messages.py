@@ -21,9 +21,10 @@ POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 BOOL = "std_msgs/msg/Bool"
 
-IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE)
-POSE_TYPES = (POSE, POSE_WITH_COVARIANCE)
-TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, "foxglove.RawImage", "foxglove.CompressedImage")
+POSE_TYPES = (POSE, POSE_WITH_COVARIANCE, "foxglove.PoseInFrame")
+_ROS_TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+TRANSFORM_TYPES = (*_ROS_TRANSFORM_TYPES, "foxglove.FrameTransform", "foxglove.FrameTransforms")
 READ_TYPES = (*IMAGE_TYPES, *POSE_TYPES, *TRANSFORM_TYPES, BOOL)
 
 ENCODINGS = {
@@ -45,14 +46,20 @@ class Channel(NamedTuple):
     topic: str
     """Name, such as /digit/image_raw."""
     type: str
-    """Message type as ROS 2 names it, such as sensor_msgs/msg/Image."""
+    """Message type as ROS 2 names it, such as sensor_msgs/msg/Image, or a schema of Foxglove."""
     encoding: str
-    """Serialisation: "cdr" (ROS 2), "ros1", or another that is not read, such as "protobuf"."""
+    """Serialisation: "cdr" (ROS 2), "ros1", "protobuf" or "json" (Foxglove), or another that is not read."""
 
     @property
     def is_read(self) -> bool:
         """True if the messages can be decoded and used."""
-        return self.encoding in ("cdr", "ros1") and self.type in READ_TYPES
+        encodings = ("protobuf", "json") if self.is_foxglove else ("cdr", "ros1")
+        return self.encoding in encodings and self.type in READ_TYPES
+
+    @property
+    def is_foxglove(self) -> bool:
+        """True if the type is a schema of Foxglove."""
+        return self.type.startswith("foxglove.")
 
 
 class RawMessage(NamedTuple):
@@ -62,6 +69,8 @@ class RawMessage(NamedTuple):
     log_time: int
     """Time of recording [ns]."""
     data: bytes
+    schema: bytes = b""
+    """Definition of its type in an MCAP."""
 
 
 class Pose(NamedTuple):
@@ -172,12 +181,15 @@ def stamped_image(time: int, image: bytes) -> Any:
 
 def decoded(raw: RawMessage) -> Any:
     """Return the message with its fields as attributes. Raises FileError that names its topic if it is damaged."""
+    from palpate.io.foxglove_messages import as_ros
+
     topic, type_, encoding = raw.channel
-    store = ros_types(encoding)
     try:
+        if raw.channel.is_foxglove:
+            return as_ros(raw)
         if encoding == "cdr":
-            return store.deserialize_cdr(raw.data, type_)
-        return store.deserialize_ros1(raw.data, type_)
+            return ros_types(encoding).deserialize_cdr(raw.data, type_)
+        return ros_types(encoding).deserialize_ros1(raw.data, type_)
     except Exception as error:  # damaged bytes can raise anything in the decoder
         time = f"{raw.log_time * 1e-9:.9f} s"
         raise FileError(f"{topic}: the message recorded at {time} does not decode as {type_}") from error
@@ -256,6 +268,6 @@ def ros_types(encoding: str) -> Any:
         # The oldest release loads fastest, and the types that palpate uses are the same in all.
         return get_typestore(Stores.ROS2_DASHING)
     store = get_typestore(Stores.ROS1_NOETIC)
-    for name in TRANSFORM_TYPES:
+    for name in _ROS_TRANSFORM_TYPES:
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
     return store

@@ -45,7 +45,8 @@ def mcap_messages(path: Path) -> Iterator[RawMessage]:
                 type_ = schema.name if schema else ""
                 if encoding == "ros1":
                     type_ = type_.replace("/", "/msg/")
-                yield RawMessage(Channel(channel.topic, type_, encoding), message.log_time, message.data)
+                definition = schema.data if schema else b""
+                yield RawMessage(Channel(channel.topic, type_, encoding), message.log_time, message.data, definition)
         except OSError as error:
             raise FileError(f"{path}: cannot be read ({error.strerror})") from error
         except Exception as error:  # damaged bytes can raise anything in lengths, texts and compressed data
@@ -164,6 +165,8 @@ class Stream:
     is_transform: bool = False
     is_static: bool = False
     """True for transforms that hold at all times."""
+    is_foxglove: bool = False
+    """True for transforms by a schema of Foxglove, where one that is sent once holds at all times."""
     times: dict[str, "array[int]"] = field(default_factory=lambda: {"log": array("q"), "header": array("q")})
     """Times by clock [ns]; by the clock of headers there are none if messages have no headers."""
     frames: list[str] = field(default_factory=list)
@@ -217,7 +220,8 @@ class Stream:
     def placed(self, clock: str, time: Times) -> Placed:
         """Return the poses at times (M,) [ns] of a clock."""
         numbers = np.array(self.numbers).reshape(-1, 7)
-        return placed_at(self.name, np.array(self.times[clock], np.int64), numbers, time, self.is_static)
+        holds_always = self.is_static or (self.is_foxglove and len(numbers) == 1)
+        return placed_at(self.name, np.array(self.times[clock], np.int64), numbers, time, holds_always)
 
 
 @dataclass(frozen=True)
@@ -282,4 +286,5 @@ def _add_message(raw: RawMessage, topic: Stream, transforms: dict[str, Stream]) 
         for pose in poses:
             stream = transforms.setdefault(pose.child, Stream(f"transforms of {pose.child}", is_transform=True))
             stream.is_static |= raw.channel.topic.endswith("tf_static")
+            stream.is_foxglove |= raw.channel.is_foxglove
             stream.add(raw.log_time, pose.stamp, pose)
