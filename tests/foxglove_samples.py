@@ -77,8 +77,8 @@ class FoxgloveFile:
         content = fields | texts
         if self.encoding == "json":
             return json.dumps(content).encode()
-        stamp = content.pop("timestamp", None)
-        message = json_format.ParseDict(content, TYPES[name]())
+        stamp: Any = content.pop("timestamp", None)
+        message: Any = json_format.ParseDict(content, TYPES[name]())
         if stamp:
             message.timestamp.seconds = stamp["sec"]
             message.timestamp.nanos = stamp["nsec"]

@@ -13,7 +13,7 @@ from palpate.cli.console import Report, progress_bar
 from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, new_file, numbers_of, read_json
-from palpate.types.choices import DEFAULT_SENSOR
+from palpate.types.choices import DEFAULT_SENSOR, TableChoices
 
 
 def info(
@@ -21,18 +21,24 @@ def info(
 ) -> Report:
     """Show the contents of a recording (rates, gaps, contacts, truth), a bag, a calibration or a run, and its problems.
 
+    Of a folder of images it shows how to convert it.
+
     Example: palpate info push.mcap
 
     Args:
-        file: A recording in any known format, a bag, a calibration, or the folder of a run.
+        file: A recording in any known format, a bag, a calibration, or the folder of a run or of images.
     """
     from palpate.geometry.shapes import shape_to_dict
     from palpate.io import detect_format
+    from palpate.io.image_folder import about_folder, image_files
+    from palpate.io.rosbag_reader import is_bag
     from palpate.pipeline.check_recording import check_recording
 
     summary = file / "summary.json"
     if summary.exists():
         return Report(file.name, {"file": str(file), "format": "run", **read_json(summary)})
+    if file.is_dir() and not is_bag(file) and image_files(file):
+        return Report(file.name, {"file": str(file), **about_folder(file)})
     kind = detect_format(file)
     with progress_bar(f"inspecting {file.name}"):
         if kind is None and file.suffix.lower() == ".npz":
@@ -47,28 +53,60 @@ def info(
 
 
 def convert(
-    source: Annotated[Path, arg("IN")],
-    target: Annotated[Path, arg("OUT")],
+    files: Annotated[tuple[Path, ...], arg("[IN] OUT", "required")],
     /,
     *,
     force: Force = False,
     bag: Bag = Bag(),
+    tables: TableChoices = TableChoices(),
 ) -> Report:
-    """Convert a bag or a recording of another format to a recording of palpate.
+    """Convert a bag, a recording of another format, or a folder of images with a table of poses to a recording.
 
-    Example: palpate convert robot.bag push.mcap --shape 0.09x0.06
+    Examples: palpate convert robot.bag push.mcap --shape 0.09x0.06
+
+    palpate convert --images DIR --image-times t.csv --poses ee.csv --shape 0.09x0.06 push.mcap
 
     Args:
-        source: A recording in any known format, or a bag.
-        target: File to write, .mcap.
+        files: A recording in any known format or a bag, none if there is --poses; and the file to write, .mcap.
     """
+    source, target = _source_and_target(files, bag, tables)
     if target.suffix.lower() != ".mcap":
         raise SettingError(f"{target}: extension {target.suffix!r} is of no format to write, allowed is .mcap")
     new_file(target, force)
-    with progress_bar(f"converting {source.name}"):
-        recording = bag.read(source).recording
+    about: dict[str, Any] = {"in": str(source), "out": str(target)}
+    if tables == TableChoices():
+        with progress_bar(f"converting {source.name}"):
+            recording = bag.read(source).recording
+            palpate.write_recording(recording, target, overwrite=force)
+    else:
+        recording = _folder_recording(source, bag, tables)
+        about["source"] = recording.source
         palpate.write_recording(recording, target, overwrite=force)
-    return Report(target.name, {"in": str(source), "out": str(target), "frames": len(recording)})
+    return Report(target.name, {**about, "frames": len(recording)})
+
+
+def _source_and_target(files: Sequence[Path], bag: Bag, tables: TableChoices) -> tuple[Path, Path]:
+    """Return what to convert, which may be the folder of --images, and the file to write. Raises SettingError."""
+    if len(files) == 2:
+        return files[0], files[1]
+    if len(files) == 1 and tables.poses is not None and bag.choices.images is not None:
+        return Path(bag.choices.images), files[0]
+    words = " ".join(map(str, files)) or "no file"
+    raise SettingError(f"convert: found {words}; expected IN OUT or, of a folder, --images DIR --poses TABLE and OUT")
+
+
+def _folder_recording(folder: Path, bag: Bag, tables: TableChoices) -> "palpate.Recording":
+    """Return a folder of images with tables as a recording. Raises PalpateError."""
+    from palpate.io.image_folder import image_files, read_folder
+    from palpate.types.sensor import known_sensor
+
+    if not folder.is_dir():
+        raise FileError(f"{folder}: is no folder; --poses and its options are for a folder of images")
+    if bag.shape is None:
+        raise SettingError("--shape NAME|AxB|FILE is missing: a folder of images holds no outline of the object")
+    shape = palpate.load_shape(bag.shape, bag.shape_unit)
+    with progress_bar(f"reading {folder.name}", len(image_files(folder))) as bar:
+        return read_folder(folder, shape, bag.choices, tables, known_sensor(bag.sensor), bar)
 
 
 def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:

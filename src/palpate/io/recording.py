@@ -158,7 +158,8 @@ class Recording:
         truth = truth_from(object_poses, pose_time if object_time is None else object_time, time)
         named_images = None if given_images is None else ("images", given_images)
         frames = SpatialFrames(time, sensor_poses, truth, named_images, flags)
-        fields, _ = planar_fields("from_arrays", "world", frames, placement, sensor, codec)
+        name = "from_arrays" if source == "arrays" else source
+        fields, _ = planar_fields(name, "world", frames, placement, sensor, codec)
         return cls(**fields, shape=shape, source=source)
 
     def oriented(self, orientation: str) -> "Recording":

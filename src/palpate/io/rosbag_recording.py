@@ -21,7 +21,7 @@ from palpate.io.recording import Recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
-from palpate.types.images import encode_image
+from palpate.types.images import UprightImage, camera_view, encode_image, fitted
 from palpate.types.sensor import SENSORS, SensorProfile
 from palpate.types.space import Placed, Plane, Times, onto_gel
 
@@ -233,7 +233,7 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
         topics = bag.of(IMAGE_TYPES)
         topic = _only(bag, "image topic", [*topics], choices.images, "--images TOPIC")
         poses, truth = _sources(bag, choices, topics[topic])
-        stamps, images = _sorted_images(topic, list(_images(bag, topic, choices.clock)))
+        stamps, images = _sorted_images(topic, list(_images(bag, topic, choices, sensor)))
     time = stamps + round(choices.time_offset * 1e9)
     frames = SpatialFrames(
         time,
@@ -278,18 +278,24 @@ def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Tim
     return time, flags[latest]
 
 
-def _images(bag: Contents, topic: str, clock: str) -> Iterator[tuple[int, bytes | FileError]]:
+def _images(
+    bag: Contents, topic: str, choices: BagChoices, sensor: SensorProfile
+) -> Iterator[tuple[int, bytes | FileError]]:
     """Yield times [ns] and encoded images of a topic, or the error on one that is damaged."""
+    view = camera_view(choices.orientation)
+    size = (sensor.image_height, sensor.image_width)
     with suppress(CutShort):  # of which `contents` has warned
         for raw in bag_messages(bag.path):
             if raw.channel.topic != topic or not raw.channel.is_read or raw.channel.type not in IMAGE_TYPES:
                 continue
             with suppress(FileError):  # `contents` has counted messages that do not decode
                 message = decoded(raw)
-                time = raw.log_time if clock == "log" else stamp_of(message) or 0
+                time = raw.log_time if choices.clock == "log" else stamp_of(message) or 0
                 try:
                     data = image_in(message)
-                    yield time, data if isinstance(data, bytes) else encode_image(data, "png")
+                    if not isinstance(data, bytes):
+                        data = UprightImage(encode_image(fitted(data, size, view), "png"))
+                    yield time, data
                 except FileError as error:
                     yield time, error
 

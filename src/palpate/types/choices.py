@@ -15,6 +15,8 @@ SmootherName = Literal["fixed-lag", "batch"]
 """Solver for the graph of a contact: Gauss-Newton on a sliding window, or on all steps of the contact (batch)."""
 Unit = Literal["m", "cm", "mm", "in"]
 """Unit of lengths."""
+TimeUnit = Literal["s", "ms", "us", "ns"]
+"""Unit of times."""
 Normal = tuple[float, float, float] | Literal["fit"]
 """The normal of a plane, or "fit" for the plane through the sensor's path."""
 
@@ -67,3 +69,19 @@ class BagChoices(Placement):
     """Topic or frames, likewise, of the object's poses, which are ground truth."""
     clock: Literal["header", "log"] = "header"
     """Clock of all times: the messages' headers, or their recording."""
+
+
+@dataclass(frozen=True)
+class TableChoices:
+    """Settings for a folder of images with a table of poses; what is None is found where names or numbers tell it."""
+
+    poses: Path | None = None
+    """Table of times and poses of the sensor: 3 numbers a row (x, y, theta), 7 (x, y, z and a quaternion) or 16."""
+    rate: float | None = None
+    """Images a second [Hz], where neither a table nor their names have times; they begin with the first pose."""
+    time_unit: TimeUnit | None = None
+    """Unit of the times in tables and names of files."""
+    poses_unit: Unit | None = None
+    """Unit of the positions in tables."""
+    quaternion: Literal["xyzw", "wxyz"] | None = None
+    """Order of quaternions in a table whose columns have no names."""

@@ -1,0 +1,337 @@
+"""Tables of times and poses, as robots and people write them: CSV with or without a header.
+
+A row holds a pose as 3 numbers (x, y, theta), 7 (position and quaternion) or 16 (a 4x4 matrix by rows or, as libfranka
+writes it, by columns), and may begin with its time. With a header, columns are found by their names in any order, and
+names state units: time_ms, `x [mm]`, theta_deg. What neither names nor numbers tell is asked, in one sentence that
+names the option.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.arrays import Array, Flags, Times
+from palpate.checks import METRES, other_unit
+from palpate.errors import FileError
+from palpate.files import column_name, in_file, read_text, table_rows
+from palpate.types.choices import TableChoices, TimeUnit
+
+NANOSECONDS: dict[TimeUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+"""Length of each unit of time [ns]."""
+_TIME_WORDS: dict[str, TimeUnit] = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "usecs", "micros", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanoseconds", "nanosec"), "ns"),
+}
+_STEPS = (2e-4, 2.0)
+"""[s] Shortest and longest time from a row to the next that are plausible."""
+_CALENDAR = (1e9, 4e9)
+"""[s] Times of a calendar clock, from 2001 to 2096."""
+_REACH = 1.5
+"""[m] A push that spans more may well be one in another unit."""
+_FARTHEST = 10.0
+"""[m] So may one that is farther from the origin."""
+_TIME = re.compile(rf"(?:.*_)?(?:time|times|timestamp|stamp|t)(?:_({'|'.join(_TIME_WORDS)}))?")
+_PLACE = re.compile(r"(?:.*_)?(?:t|p|pos)?([xyz])(?:_(mm|cm|m|in))?")
+_QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation|rotation|rot)_?([xyzw])")
+_ANGLE = re.compile(r"(?:.*_)?(?:theta|yaw|heading)(?:_(rad|deg|degrees))?")
+_OTHER = re.compile(
+    r"(?:.*_)?(?:vel|velocity|twist|linear|angular|acc|force|torque|wrench|cov|covariance|goal|target)_.*"
+)
+_NUMBERED = re.compile(r"(.*?)_?(\d\d?)")
+
+
+class Table(NamedTuple):
+    """Rows of cells, below the names of their columns if there are any."""
+
+    path: Path
+    names: list[str]
+    """Names as `column_name` writes them; empty without a header."""
+    lines: list[int]
+    """Line of each row in the file."""
+    cells: list[list[str]]
+    """Cells of each row."""
+
+    def column(self, index: int) -> list[str]:
+        """Return the cells of a column."""
+        return [row[index] for row in self.cells]
+
+    def numbers(self, indices: Sequence[int]) -> Array:
+        """Return columns as numbers (N, columns), NaN where a cell is empty. Raises FileError that names the line."""
+        numbers = np.empty((len(self.cells), len(indices)))
+        for index, (line, row) in enumerate(zip(self.lines, self.cells, strict=True)):
+            words = [row[column] for column in indices]
+            try:
+                numbers[index] = [float(word) if word else math.nan for word in words]
+            except ValueError:
+                raise FileError(
+                    f"line {line}: found {','.join(words)[:80]!r}, expected {len(indices)} numbers"
+                ) from None
+        return numbers
+
+    @property
+    def columns(self) -> str:
+        """Its columns in words, for errors."""
+        return ", ".join(self.names) or f"{len(self.cells[0])} columns without a header"
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """Poses of a table."""
+
+    time: Times | None
+    """(N,) [ns]; None if rows hold no times."""
+    poses: Array
+    """(N, 3) [m, m, rad], (N, 7) with the quaternion's w last, or (N, 4, 4)."""
+    about: str
+    """What was found, such as "16 numbers by columns, times in ns"."""
+    is_order_known: bool = True
+    """False if nothing says where the w of quaternions is: it is taken to be last."""
+
+
+def read_cells(path: Path) -> Table:
+    """Return a table with any header, in comments (#) or not.
+
+    Raises FileError if it holds no rows, or rows of different lengths.
+    """
+    text = re.sub(r"\Asep=.", "", read_text(path)).lstrip()
+    first_line = text.partition("\n")[0]
+    rows = table_rows(text, path, first_line if "," in first_line else "")
+    header: list[str] = []
+    while rows and (rows[0][1][0].startswith(("#", "%")) or not any(map(_is_number, filter(None, rows[0][1])))):
+        header = [cell for cell in (cell.lstrip("#% ") for cell in rows.pop(0)[1]) if cell]
+    rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
+    if not rows:
+        raise FileError(f"{path}: holds no rows of numbers")
+    width = len(rows[0][1])
+    for line, row in rows:
+        if len(row) != width:
+            raise FileError(f"{path}: line {line}: found {len(row)} columns, expected {width} as above it")
+    names = [column_name(cell) for cell in header] if len(header) == width else []  # else it is a remark
+    return Table(path, names, [line for line, _ in rows], [row for _, row in rows])
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word or "nan")
+    except ValueError:
+        return False
+    return True
+
+
+def read_times(path: Path, choices: TableChoices) -> tuple[Times, list[str]]:
+    """Return the times (N,) [ns] of images in a table, and their files; no files if it has times alone.
+
+    Columns are found by the names time and file or, without a header, by what they hold. Raises FileError.
+    """
+    table = read_cells(path)
+    with in_file(path):
+        columns = range(len(table.cells[0]))
+        texts = [index for index in columns if not all(map(_is_number, table.column(index)))]
+        if table.names:
+            time, unit = _time_column(table)
+        else:
+            numeric = [index for index in columns if index not in texts]
+            time, unit = (numeric[0], None) if len(numeric) == 1 else (None, None)
+        named = [index for index in texts if not table.names or re.search("file|image|name|path", table.names[index])]
+        if time is None or len(named) > 1:
+            raise FileError(f"found {table.columns}; expected one named time and, if images are not in order, one file")
+        stamps, _ = _times(table, time, choices.time_unit or unit)
+        return stamps, table.column(named[0]) if named else []
+
+
+def read_pose_table(path: Path, choices: TableChoices) -> PoseTable:
+    """Return the poses of a table with their times. Raises FileError, which asks for what nothing tells."""
+    table = read_cells(path)
+    with in_file(path):
+        time, unit = _time_column(table)
+        found = _named(table) if table.names else _unnamed(table, time, choices)
+        poses = _in_metres(found.numbers, choices.poses_unit or found.unit)
+        if time is None:
+            return PoseTable(None, poses, f"{found.layout}, no times", found.is_order_known)
+        stamps, unit = _times(table, time, choices.time_unit or unit)
+        return PoseTable(stamps, poses, f"{found.layout}, times in {unit}", found.is_order_known)
+
+
+class _Found(NamedTuple):
+    """Poses as a table has them."""
+
+    numbers: Array
+    """(N, 3), (N, 7) with w last, or (N, 4, 4)."""
+    layout: str
+    """In words."""
+    unit: str | None = None
+    """Unit of positions that a name states."""
+    is_order_known: bool = True
+    """False if nothing says where the w of quaternions is."""
+
+
+def _unnamed(table: Table, time: int | None, choices: TableChoices) -> _Found:
+    """Return poses without names of columns."""
+    numbers = table.numbers(range(0 if time is None else 1, len(table.cells[0])))
+    if numbers.shape[1] == 16:
+        return _matrices(numbers, table)
+    if numbers.shape[1] == 3:
+        return _Found(numbers, "x, y, theta")
+    if choices.quaternion == "wxyz":
+        return _Found(numbers[:, [0, 1, 2, 4, 5, 6, 3]], "7 numbers, w first")
+    return _Found(numbers, "7 numbers, w last", is_order_known=choices.quaternion is not None)
+
+
+def _named(table: Table) -> _Found:
+    """Return poses by the names of columns. Raises FileError."""
+    groups = _groups_of_16(table)
+    places = _by_letter(table, _PLACE, "xyz")
+    quaternions = _by_letter(table, _QUATERNION, "xyzw")
+    angles = _matching(table, _ANGLE)
+    if len(groups) == 1 or "o_t_ee" in groups:
+        name = "o_t_ee" if "o_t_ee" in groups else next(iter(groups))
+        return _matrices(table.numbers(groups[name]), table)
+    if len(quaternions) == 4 and len(places) == 3:
+        indices = [*(places[letter] for letter in "xyz"), *(quaternions[letter] for letter in "xyzw")]
+        return _Found(table.numbers(indices), "position and quaternion by names", _unit_of(table, places["x"]))
+    if len(angles) == 1 and {"x", "y"} <= set(places):
+        poses = table.numbers([places["x"], places["y"], *angles])
+        if (_ANGLE.fullmatch(table.names[angles[0]]) or [""])[1] in ("deg", "degrees"):
+            poses[:, 2] = np.radians(poses[:, 2])
+        return _Found(poses, "x, y, theta by names", _unit_of(table, places["x"]))
+    allowed = "x, y, z, qx, qy, qz, qw; x, y, theta; or 16 numbered columns, such as O_T_EE[0] to O_T_EE[15]"
+    raise FileError(f"found the columns {table.columns}; expected one time and {allowed}, each once")
+
+
+def _matching(table: Table, pattern: re.Pattern[str]) -> list[int]:
+    """Return the columns whose name fits, without those of velocities, forces and the like."""
+    return [i for i, name in enumerate(table.names) if pattern.fullmatch(name) and not _OTHER.fullmatch(name)]
+
+
+def _by_letter(table: Table, pattern: re.Pattern[str], letters: str) -> dict[str, int]:
+    """Return the column of each letter that exactly one name has; positions are no quaternions."""
+    found: dict[str, list[int]] = {letter: [] for letter in letters}
+    for index in _matching(table, pattern):
+        name = table.names[index]
+        match = pattern.fullmatch(name)
+        if match and not (pattern is _PLACE and _QUATERNION.fullmatch(name)):
+            found[match[1]].append(index)
+    return {letter: columns[0] for letter, columns in found.items() if len(columns) == 1}
+
+
+def _unit_of(table: Table, index: int) -> str | None:
+    match = _PLACE.fullmatch(table.names[index])
+    return match[2] if match else None
+
+
+def _groups_of_16(table: Table) -> dict[str, list[int]]:
+    """Return the columns of each 16 names that differ only in their number: 0 to 15, 1 to 16, 00 to 33 or 11 to 44."""
+    members: dict[str, dict[str, int]] = {}
+    for index, name in enumerate(table.names):
+        match = _NUMBERED.fullmatch(re.sub(r"(\d)_(\d)$", r"\1\2", name))
+        if match:
+            members.setdefault(match[1], {})[match[2]] = index
+    orders = [
+        [str(k) for k in range(16)],
+        [str(k) for k in range(1, 17)],
+        [f"{k:02d}" for k in range(16)],
+        [f"{row}{column}" for row in range(4) for column in range(4)],
+        [f"{row}{column}" for row in range(1, 5) for column in range(1, 5)],
+    ]
+    return {
+        prefix: [numbered[number] for number in order]
+        for prefix, numbered in members.items()
+        for order in orders
+        if set(numbered) == set(order)
+    }
+
+
+def _matrices(numbers: Array, table: Table) -> _Found:
+    """Return 16 numbers a row as matrices, by rows or by columns as their 0, 0, 0, 1 shows. Raises FileError."""
+    matrices = numbers.reshape(-1, 4, 4)
+    is_known = np.isfinite(numbers).all(axis=1)
+    last = np.array([0.0, 0.0, 0.0, 1.0])
+    by_rows: Flags = np.asarray(np.isclose(matrices[:, 3], last, atol=1e-6).all(axis=1))
+    by_columns: Flags = np.asarray(np.isclose(matrices[:, :, 3], last, atol=1e-6).all(axis=1))
+    if by_rows[is_known].all():
+        return _Found(matrices, "16 numbers by rows")
+    if by_columns[is_known].all():
+        return _Found(matrices.transpose(0, 2, 1), "16 numbers by columns")
+    line = table.lines[int(np.argmax(is_known & ~(by_rows if by_rows.sum() > by_columns.sum() else by_columns)))]
+    raise FileError(f"line {line}: the 16 numbers are no 4x4 matrix by rows or by columns, with its 0, 0, 0, 1")
+
+
+def _in_metres(poses: Array, unit: str | None) -> Array:
+    """Return poses with positions [m] from those in a unit, None if nothing states one.
+
+    Raises FileError, which asks for the unit, if none is stated and the positions span too much.
+    """
+    poses = poses.copy()
+    position = poses[:, :3, 3] if poses.ndim == 3 else poses[:, : 2 if poses.shape[1] == 3 else 3]
+    known = position[np.isfinite(position).all(axis=1)]
+    span = float(np.ptp(known, axis=0).max()) if len(known) else 0.0
+    farthest = float(np.abs(known).max()) if len(known) else 0.0
+    if unit is None and (span > _REACH or farthest > _FARTHEST):
+        question = other_unit(span, 0.02, _REACH) or ": in which unit?"
+        found = f"positions span {span:.4g} and reach {farthest:.4g}"
+        raise FileError(f"{found}{question} Give --poses-unit m, cm, mm or in")
+    position *= METRES[unit or "m"]  # a view, so that poses change
+    return poses
+
+
+def _time_column(table: Table) -> tuple[int | None, TimeUnit | None]:
+    """Return the column of times, None if there is none, and the unit in its name.
+
+    Stamps of messages come before other times. Raises FileError on a number of columns without names that is no pose.
+    """
+    if not table.names:
+        width = len(table.cells[0])
+        if width not in (3, 7, 16, 4, 8, 17):
+            raise FileError(f"found {table.columns}; expected 3, 7 or 16 numbers a row, or a time and these")
+        return (0, None) if width in (4, 8, 17) else (None, None)
+    found = _matching(table, _TIME)
+    stamps = [index for index in found if "stamp" in table.names[index]]
+    chosen = next(iter(stamps or found), None)
+    if chosen is None:
+        return None, None
+    match = _TIME.fullmatch(table.names[chosen])
+    return chosen, _TIME_WORDS[match[1]] if match and match[1] else None
+
+
+def _times(table: Table, column: int, unit: TimeUnit | None) -> tuple[Times, TimeUnit]:
+    """Return times (N,) [ns] and their unit. Raises FileError, which asks for it if nothing tells."""
+    words = table.column(column)
+    values = table.numbers([column])[:, 0]
+    if not np.isfinite(values).all():
+        index = int(np.argmin(np.isfinite(values)))
+        raise FileError(f"line {table.lines[index]}: time is {words[index]!r}, expected a number")
+    unit = unit or time_unit(values)
+    if all(word.lstrip("+-").isdecimal() for word in words):  # exact, also beyond what a float holds
+        exact = [int(word) * NANOSECONDS[unit] for word in words]
+        if max(map(abs, exact)) < 2**62:
+            return np.array(exact, np.int64), unit
+    if np.abs(values).max() * NANOSECONDS[unit] >= 2**62:
+        raise FileError(f"times reach {np.abs(values).max():.10g} {unit}, past any clock; give --time-unit")
+    return np.round(values * NANOSECONDS[unit]).astype(np.int64), unit
+
+
+def time_unit(values: Array) -> TimeUnit:
+    """Return the unit in which times (N,) are plausible, by their steps and, of a calendar clock, by their size.
+
+    Raises FileError, which names the option, if none or several are.
+    """
+    steps = np.abs(np.diff(values))
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    latest = float(np.abs(values).max())
+    sizes: dict[TimeUnit, float] = {unit: 1e-9 * size for unit, size in NANOSECONDS.items()}
+    likely: list[TimeUnit] = [u for u, size in sizes.items() if not step or _STEPS[0] <= step * size <= _STEPS[1]]
+    of_calendar = [unit for unit in likely if _CALENDAR[0] <= latest * sizes[unit] <= _CALENDAR[1]]
+    for units in (of_calendar, likely):
+        if len(units) == 1:
+            return units[0]
+    question = f"are these {' or '.join(likely)}?" if likely and step else "in which unit?"
+    raise FileError(
+        f"times are, in the median, {step:g} from one to the next: {question} Give --time-unit s, ms, us or ns"
+    )

@@ -1,0 +1,216 @@
+"""A folder of images with a table of poses becomes a recording by `palpate convert`."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_samples import touch_images
+from planar import wrap
+from recording_samples import encoded
+from scipy.spatial.transform import Rotation
+
+import palpate
+
+COUNT = 12
+START = 1_700_000_000  # [s]
+IMAGE_TIME = 0.1 + np.arange(COUNT) / 30
+POSE_TIME = np.arange(80) / 100
+
+
+def true_pose(time):
+    """Straight on and turning, (N, 3); linear, so that it is the same where it is interpolated."""
+    return np.column_stack([0.4 + 0.05 * time, -0.1 * time, 0.3 + 0.8 * time])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with the images img/frame_0.png to frame_11.png."""
+    monkeypatch.chdir(tmp_path)
+    Path("img").mkdir()
+    for number, image in enumerate(touch_images(COUNT)):
+        Path(f"img/frame_{number}.png").write_bytes(encoded(image))
+    return tmp_path
+
+
+def write_table(name, header, rows, separator=","):
+    lines = [separator.join(str(cell) for cell in row) for row in rows]
+    Path(name).write_text("\n".join([*([header] if header else []), *lines]) + "\n")
+
+
+def image_table(name="t.csv", header="time,file", scale=1.0):
+    rows = [(repr(float((START + time) * scale)), f"frame_{k}.png") for k, time in enumerate(IMAGE_TIME)]
+    write_table(name, header, rows)
+    return name
+
+
+def quaternions(poses):
+    return Rotation.from_euler("z", poses[:, 2:]).as_quat()
+
+
+def seven(order="xyzw", unit=1.0):
+    poses = true_pose(POSE_TIME)
+    quaternion = quaternions(poses)[:, ["xyzw".index(letter) for letter in order]]
+    return np.column_stack([unit * poses[:, :2], np.full(len(poses), 0.3 * unit), quaternion])
+
+
+def matrices(by_columns):
+    given = np.tile(np.eye(4), (len(POSE_TIME), 1, 1))
+    poses = true_pose(POSE_TIME)
+    given[:, :3, :3] = Rotation.from_euler("z", poses[:, 2:]).as_matrix()
+    given[:, :2, 3] = poses[:, :2]
+    given[:, 2, 3] = 0.3
+    return (given.transpose(0, 2, 1) if by_columns else given).reshape(-1, 16)
+
+
+def with_times(poses, scale=1e9):
+    return [(int((START + time) * scale), *map(repr, row.tolist())) for time, row in zip(POSE_TIME, poses, strict=True)]
+
+
+def convert(run_palpate, *words):
+    """Convert the folder with these options; return the recording."""
+    code, _, err = run_palpate("convert", "--images", "img", "--shape", "0.09x0.06", "push.mcap", "--force", *words)
+    assert code == 0, err
+    return palpate.load_recording("push.mcap")
+
+
+def same_push(recording, start=START):
+    assert np.abs(recording.time - start - IMAGE_TIME).max() < 2e-6
+    poses = true_pose(IMAGE_TIME)
+    assert np.abs(recording.sensor_pose[:, :2] - poses[:, :2]).max() < 2e-6
+    assert np.abs(wrap(recording.sensor_pose[:, 2] - poses[:, 2])).max() < 2e-6
+
+
+TABLES = {
+    "libfranka": (",".join(["time", *(f"O_T_EE[{k}]" for k in range(16))]), with_times(matrices(by_columns=True))),
+    "by rows": ("", with_times(matrices(by_columns=False))),
+    "tum": ("# timestamp tx ty tz qx qy qz qw", with_times(seven(), 1e6)),
+    "w first by name": ("stamp_ms,qw,qx,qy,qz,x,y,z", with_times(np.roll(seven("wxyz"), -3, axis=1), 1e3)),
+    "rostopic": (
+        "%time,field.header.stamp,field.header.frame_id,"
+        + ",".join(f"field.pose.position.{k}" for k in "xyz")
+        + ","
+        + ",".join(f"field.pose.orientation.{k}" for k in "xyzw"),
+        [(5, row[0], "base", *row[1:]) for row in with_times(seven())],
+    ),
+    "degrees": (
+        "Time (us),X [mm],Y [mm],Yaw [deg]",
+        with_times(true_pose(POSE_TIME) * [1e3, 1e3, np.degrees(1.0)], 1e6),
+    ),
+    "planar": ("", with_times(true_pose(POSE_TIME), 1e3)),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_of_poses_as_people_have_them(folder, run_palpate, name):
+    header, rows = TABLES[name]
+    write_table("ee.csv", header, rows, " " if name == "tum" else ",")
+    same_push(convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv"))
+
+
+@pytest.mark.parametrize(("header", "scale"), [("time_ms,file", 1e3), ("", 1e3), ("#timestamp [ns],filename", 1e9)])
+def test_times_of_images_in_other_units(folder, run_palpate, header, scale):
+    write_table("ee.csv", "", with_times(seven()))
+    same_push(convert(run_palpate, "--image-times", image_table(header=header, scale=scale), "--poses", "ee.csv"))
+
+
+def test_files_go_into_the_recording_as_they_are(folder, run_palpate):
+    write_table("ee.csv", "", with_times(seven()))
+    recording = convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv")
+    assert list(recording.image or ()) == [Path(f"img/frame_{k}.png").read_bytes() for k in range(COUNT)]
+    turned = convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv", "--orientation", "180,bgr")
+    for frame, image in zip(turned, touch_images(COUNT), strict=True):
+        assert (frame.image == image[::-1, ::-1, ::-1]).all()
+
+
+def test_times_in_the_names_of_files(folder, run_palpate):
+    for number, time in enumerate(IMAGE_TIME):
+        Path(f"img/frame_{number}.png").rename(f"img/{int((START + time) * 1e6)}.png")
+    write_table("ee.csv", "", with_times(seven()))
+    same_push(convert(run_palpate, "--poses", "ee.csv"))
+
+
+def test_a_rate_in_place_of_times_and_names_that_are_missing(folder, run_palpate, caplog):
+    Path("img/frame_3.png").unlink()
+    write_table("ee.csv", "", with_times(seven()))
+    code, _, _ = run_palpate(
+        *("convert", "img", "push.mcap", "--poses", "ee.csv", "--rate", 30, "--time-offset", 0.1, "--shape", "disc")
+    )
+    assert code == 0 and "first pose" in caplog.text
+    recording = palpate.load_recording("push.mcap")
+    assert np.abs(recording.time - START - np.delete(IMAGE_TIME, 3)).max() < 2e-6
+
+
+def test_a_pose_for_each_image(folder, run_palpate):
+    write_table("ee.csv", "x,y,theta", true_pose(IMAGE_TIME).tolist())
+    same_push(convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv"))
+
+
+def test_true_poses_in_a_table(folder, run_palpate):
+    write_table("ee.csv", "", with_times(seven()))
+    write_table("object.csv", "time,x,y,theta", with_times(true_pose(POSE_TIME) + np.array([1.0, 0.0, 0.0])))
+    options = ("--image-times", image_table(), "--poses", "ee.csv", "--object-poses", "object.csv")
+    recording = convert(run_palpate, *options)
+    assert np.abs(recording.truth[:, 0] - true_pose(IMAGE_TIME)[:, 0] - 1.0).max() < 2e-6
+
+
+def refused(fails, *words):
+    message = fails("convert", "--images", "img", "--shape", "0.09x0.06", "push.mcap", *words)
+    assert not Path("push.mcap").exists()
+    return message
+
+
+def test_what_nothing_tells_is_asked(folder, fails):
+    write_table("ee.csv", "", with_times(seven(unit=1e3)))
+    times = ("--image-times", image_table())
+    assert "millimetres" in refused(fails, *times, "--poses", "ee.csv")
+    write_table("ee.csv", "", with_times(seven("wxyz")))
+    assert "--quaternion" in refused(fails, *times, "--poses", "ee.csv")
+    write_table("ee.csv", "", [(k, *row) for k, row in enumerate(true_pose(POSE_TIME).tolist())])
+    assert "--time-unit" in refused(fails, *times, "--poses", "ee.csv")
+    write_table("ee.csv", "", with_times(seven()))
+    assert "--rate" in refused(fails, "--poses", "ee.csv")
+
+
+def test_answers_to_these_questions(folder, run_palpate):
+    write_table("ee.csv", "", with_times(seven("wxyz", 1e3)))
+    options = ("--image-times", image_table(), "--poses", "ee.csv", "--poses-unit", "mm", "--quaternion", "wxyz")
+    same_push(convert(run_palpate, *options))
+
+
+BAD = {
+    "a word": ("time,x,y,theta", [(0.0, 0.1, 0.1, 0.1), (0.1, "fast", 0.1, 0.1)], "line 3"),
+    "other columns": ("time,j1,j2,j3", [(0.0, 0.1, 0.1, 0.1)], "time, j1, j2, j3"),
+    "two positions": ("time,a_x,a_y,b_x,b_y,yaw", [(0.0,) * 6], "a_x"),
+    "five numbers": ("", [(0.0,) * 5], "5 columns"),
+    "no matrix": ("", [(START + k / 100, *range(16)) for k in range(9)], "line 1"),
+    "a short row": ("time,x,y,theta", [(0.0, 0.1, 0.1, 0.1), (0.1, 0.1)], "line 3"),
+    "no rows": ("time,x,y,theta", [], "no rows"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_tables_that_cannot_be_read_are_named(folder, fails, name):
+    header, rows, words = BAD[name]
+    write_table("ee.csv", header, rows)
+    message = refused(fails, "--image-times", image_table(), "--poses", "ee.csv")
+    assert "ee.csv" in message and words in message
+
+
+def test_folders_and_options_that_do_not_fit_are_named(folder, fails):
+    write_table("ee.csv", "", with_times(seven()))
+    write_table("short.csv", "time", [(START + 0.1,), (START + 0.2,)])
+    write_table("others.csv", "time,file", [(START + 0.1, "other.png")])
+    assert "2 times" in refused(fails, "--image-times", "short.csv", "--poses", "ee.csv")
+    assert "other.png" in refused(fails, "--image-times", "others.csv", "--poses", "ee.csv")
+    Path("empty").mkdir()
+    assert "empty" in fails("convert", "empty", "push.mcap", "--poses", "ee.csv", "--shape", "disc")
+    assert "--shape" in fails("convert", "img", "push.mcap", "--poses", "ee.csv", "--rate", 30)
+    assert "--poses" in fails("convert", "img", "push.mcap", "--rate", 30, "--shape", "disc")
+
+
+def test_info_says_how_to_convert_a_folder(folder, run_palpate):
+    image_table()
+    write_table("ee.csv", "", with_times(seven()))
+    code, out, _ = run_palpate("info", "img")
+    assert code == 0
+    assert "palpate convert --images img --image-times t.csv --poses ee.csv --shape" in out
