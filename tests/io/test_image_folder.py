@@ -122,11 +122,20 @@ def test_files_go_into_the_recording_as_they_are(folder, run_palpate):
         assert (frame.image == image[::-1, ::-1, ::-1]).all()
 
 
-def test_times_in_the_names_of_files(folder, run_palpate):
+@pytest.mark.parametrize("scale", [1.0, 1e6])
+def test_times_in_the_names_of_files(folder, run_palpate, scale):
     for number, time in enumerate(IMAGE_TIME):
-        Path(f"img/frame_{number}.png").rename(f"img/{int((START + time) * 1e6)}.png")
+        name = f"{START + time:.6f}" if scale == 1.0 else f"left_{int((START + time) * scale)}"
+        Path(f"img/frame_{number}.png").rename(f"img/{name}.png")
     write_table("ee.csv", "", with_times(seven()))
     same_push(convert(run_palpate, "--poses", "ee.csv"))
+
+
+def test_names_that_are_counted_are_no_times(folder, fails):
+    for number in range(COUNT):
+        Path(f"img/frame_{number}.png").rename(f"img/run_1_{number:04d}.png")
+    write_table("ee.csv", "", with_times(seven(), 1e3))
+    assert "--rate" in refused(fails, "--poses", "ee.csv", "--time-unit", "ms")
 
 
 def test_a_rate_in_place_of_times_and_names_that_are_missing(folder, run_palpate, caplog):

@@ -18,7 +18,7 @@ from palpate.arrays import Times
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import counting_order, existing_file, in_file
 from palpate.geometry.shapes import Shape
-from palpate.io.pose_tables import NANOSECONDS, PoseTable, read_pose_table, read_times, time_unit
+from palpate.io.pose_tables import NANOSECONDS, PoseTable, is_of_calendar, read_pose_table, read_times, time_unit
 from palpate.io.recording import Recording
 from palpate.types.choices import BagChoices, TableChoices, TimeUnit
 from palpate.types.images import UprightImage, camera_view, decode_image, turned_image
@@ -28,8 +28,6 @@ from palpate.types.space import STEEPEST, onto_gel, placed_at
 logger = logging.getLogger(__name__)
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
-_CALENDAR = (10**18, 4 * 10**18)
-"""[ns] Times of a calendar clock, from 2001 to 2096."""
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -156,24 +154,24 @@ def times_of_names(files: Sequence[Path], unit: TimeUnit | None = None) -> Times
 
     None if they are only counted, as frame_0012.png. Raises FileError if the unit is open.
     """
-    found = [re.findall(r"\d+(?:[._]\d+)?(?=\D*$)", path.stem) for path in files]
+    found = [re.findall(r"(?:\d+\.\d+|\d{10}_\d{9}|\d{10}_\d{6}|\d+)(?=\D*$)", path.stem) for path in files]
     if len(files) < 2 or not all(found):
         return None
     words = [numbers[-1].replace("_", ".") for numbers in found]
-    if len(set(words)) < len(words):
-        return None
     values = np.array([float(word) for word in words])
-    is_calendar = any(
-        _CALENDAR[0] <= values.min() * size and values.max() * size <= _CALENDAR[1] for size in NANOSECONDS.values()
-    )
-    if unit is None and not is_calendar and not all("." in word for word in words):
+    is_calendar = any(is_of_calendar(values, each) for each in NANOSECONDS)
+    have_decimals = all("." in word for word in words)
+    is_counted = np.median(np.diff(np.sort(values))) <= 1.0 and not have_decimals
+    if len(set(words)) < len(words) or (is_counted and not is_calendar):
+        return None
+    if unit is None and not is_calendar and not have_decimals:
         return None
     if unit is None:
         with in_file(files[0].parent):
             unit = time_unit(np.sort(values))
-    exact = [int(word) * NANOSECONDS[unit] if word.isdecimal() else None for word in words]
-    rounded = np.round(values * NANOSECONDS[unit]).astype(np.int64)
-    return rounded if None in exact else np.array(exact, np.int64)
+    if all(word.isdecimal() for word in words):
+        return np.array([int(word) * NANOSECONDS[unit] for word in words], np.int64)
+    return np.round(values * NANOSECONDS[unit]).astype(np.int64)
 
 
 def _times_of(path: Path, table: PoseTable, image_time: Times) -> Times:

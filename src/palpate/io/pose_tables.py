@@ -29,14 +29,6 @@ _TIME_WORDS: dict[str, TimeUnit] = {
     **dict.fromkeys(("us", "usec", "usecs", "micros", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanoseconds", "nanosec"), "ns"),
 }
-_STEPS = (2e-4, 2.0)
-"""[s] Shortest and longest time from a row to the next that are plausible."""
-_CALENDAR = (1e9, 4e9)
-"""[s] Times of a calendar clock, from 2001 to 2096."""
-_REACH = 1.5
-"""[m] A push that spans more may well be one in another unit."""
-_FARTHEST = 10.0
-"""[m] So may one that is farther from the origin."""
 _TIME = re.compile(rf"(?:.*_)?(?:time|times|timestamp|stamp|t)(?:_({'|'.join(_TIME_WORDS)}))?")
 _PLACE = re.compile(r"(?:.*_)?(?:t|p|pos)?([xyz])(?:_(mm|cm|m|in))?")
 _QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation|rotation|rot)_?([xyzw])")
@@ -273,8 +265,9 @@ def _in_metres(poses: Array, unit: str | None) -> Array:
     known = position[np.isfinite(position).all(axis=1)]
     span = float(np.ptp(known, axis=0).max()) if len(known) else 0.0
     farthest = float(np.abs(known).max()) if len(known) else 0.0
-    if unit is None and (span > _REACH or farthest > _FARTHEST):
-        question = other_unit(span, 0.02, _REACH) or ": in which unit?"
+    longest_push = 1.5  # [m] a longer one, or one far from the origin, may well be in another unit
+    if unit is None and (span > longest_push or farthest > 10.0):
+        question = other_unit(span, 0.02, longest_push) or ": in which unit?"
         found = f"positions span {span:.4g} and reach {farthest:.4g}"
         raise FileError(f"{found}{question} Give --poses-unit m, cm, mm or in")
     position *= METRES[unit or "m"]  # a view, so that poses change
@@ -324,14 +317,20 @@ def time_unit(values: Array) -> TimeUnit:
     """
     steps = np.abs(np.diff(values))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    latest = float(np.abs(values).max())
-    sizes: dict[TimeUnit, float] = {unit: 1e-9 * size for unit, size in NANOSECONDS.items()}
-    likely: list[TimeUnit] = [u for u, size in sizes.items() if not step or _STEPS[0] <= step * size <= _STEPS[1]]
-    of_calendar = [unit for unit in likely if _CALENDAR[0] <= latest * sizes[unit] <= _CALENDAR[1]]
-    for units in (of_calendar, likely):
-        if len(units) == 1:
-            return units[0]
+    likely: list[TimeUnit] = []
+    for unit, size in NANOSECONDS.items():
+        if not step or 2e5 <= step * size <= 2e9:  # 0.2 ms to 2 s
+            likely.append(unit)
+    of_calendar: list[TimeUnit] = [unit for unit in likely if is_of_calendar(values, unit)]
+    if len(of_calendar) == 1:
+        return of_calendar[0]
+    if len(likely) == 1:
+        return likely[0]
     question = f"are these {' or '.join(likely)}?" if likely and step else "in which unit?"
-    raise FileError(
-        f"times are, in the median, {step:g} from one to the next: {question} Give --time-unit s, ms, us or ns"
-    )
+    found = f"times are, in the median, {step:g} from one to the next"
+    raise FileError(f"{found}: {question} Give --time-unit s, ms, us or ns")
+
+
+def is_of_calendar(values: Array, unit: TimeUnit) -> bool:
+    """Return true if times (N,) in a unit are of the years 2001 to 2096."""
+    return bool((values * NANOSECONDS[unit] >= 1e18).all() and (values * NANOSECONDS[unit] <= 4e18).all())
