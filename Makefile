@@ -1,5 +1,5 @@
 # Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make kernels`,
-# `make bench`, `make docs`, `make check-numbers`.
+# `make bench`, `make docs`, `make check-numbers`, `make dist`.
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
@@ -12,7 +12,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test lint kernels bench docs check-numbers clean
+.PHONY: demo test ros-test lint kernels bench docs check-numbers dist clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -47,8 +47,18 @@ docs: $(READY_DEV)
 check-numbers: $(READY_DEV)
 	$(BIN)/python scripts/reported_numbers.py
 
+# Wheel and sdist of palpate and of the laboratory, in dist, installed and run in an empty environment: ready to upload
+# (twine upload dist/*.whl dist/*.tar.gz), with the release notes. Each wheel is built from its sdist.
+dist:
+	rm -rf dist .venv-dist
+	$(PYTHON) -m venv .venv-dist
+	.venv-dist/bin/python -m pip install --quiet --disable-pip-version-check build
+	.venv-dist/bin/python -m build --outdir dist .
+	.venv-dist/bin/python -m build --outdir dist lab
+	.venv-dist/bin/python scripts/check_dist.py dist
+
 clean:
-	rm -rf .venv .venv-ros demo-run docs/_build
+	rm -rf .venv .venv-ros .venv-dist dist demo-run docs/_build
 
 $(READY): pyproject.toml lab/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "palpate needs Python 3.11 or newer")'

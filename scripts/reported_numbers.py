@@ -252,6 +252,10 @@ def paper_tracking() -> list[Row]:
 
 
 TABLES: dict[str, Table] = {
+    "install": Table(
+        {"packages": "{packages}", "size": "{megabytes:.0f} MB", "purpose": "{purpose}"},
+        lambda: loaded("docs/study/install.json"),
+    ),
     "paper": Table(
         {"model": "{model}", **{name: f"{{{name}}}" for name in ("disc", "rect", "ellip", "combined")}}, paper_losses
     ),

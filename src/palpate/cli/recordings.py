@@ -31,12 +31,15 @@ def info(
     from palpate.geometry.shapes import shape_to_dict
     from palpate.io import detect_format
     from palpate.io.image_folder import about_folder, image_files
+    from palpate.io.lerobot import about_dataset, is_lerobot
     from palpate.io.rosbag_reader import is_bag
     from palpate.pipeline.check_recording import check_recording
 
     summary = file / "summary.json"
     if summary.exists():
         return Report(file.name, {"file": str(file), "format": "run", **read_json(summary)})
+    if is_lerobot(file):
+        return Report(file.name, {"file": str(file), **about_dataset(file)})
     if file.is_dir() and not is_bag(file) and image_files(file):
         return Report(file.name, {"file": str(file), **about_folder(file)})
     kind = detect_format(file)
@@ -53,9 +56,11 @@ def info(
 
 
 def convert(
-    files: Annotated[tuple[Path, ...], arg("[IN] OUT", "required")],
+    files: Annotated[tuple[Path, ...], arg("[IN ...] OUT", "required")],
     /,
     *,
+    episode: Annotated[int, arg("N")] = 0,
+    lerobot: bool = False,
     force: Force = False,
     bag: Bag = Bag(),
     tables: TableChoices = TableChoices(),
@@ -67,32 +72,62 @@ def convert(
     palpate convert --images DIR --image-times t.csv --poses ee.csv --shape 0.09x0.06 push.mcap
 
     Args:
-        files: A recording in any known format or a bag, none if there is --poses; and the file to write, .mcap.
+        files: A recording in any known format, a bag, a dataset of LeRobot, or none if there is --poses; and the file
+            to write, .mcap.
+        episode: Episode of a dataset of LeRobot.
+        lerobot: Write recordings as the episodes of a dataset of LeRobot, a folder.
     """
-    source, target = _source_and_target(files, bag, tables)
+    sources, target = _sources_and_target(files, bag, tables, lerobot)
+    if lerobot:
+        return _convert_to_lerobot(sources, target, force, bag)
+    source = sources[0]
     if target.suffix.lower() != ".mcap":
         raise SettingError(f"{target}: extension {target.suffix!r} is of no format to write, allowed is .mcap")
     new_file(target, force)
     about: dict[str, Any] = {"in": str(source), "out": str(target)}
-    if tables == TableChoices():
-        with progress_bar(f"converting {source.name}"):
-            recording = bag.read(source).recording
-            palpate.write_recording(recording, target, overwrite=force)
-    else:
-        recording = _folder_recording(source, bag, tables)
+    recording = _converted(source, episode, bag, tables)
+    palpate.write_recording(recording, target, overwrite=force)
+    if source.is_dir() and recording.source:
         about["source"] = recording.source
-        palpate.write_recording(recording, target, overwrite=force)
     return Report(target.name, {**about, "frames": len(recording)})
 
 
-def _source_and_target(files: Sequence[Path], bag: Bag, tables: TableChoices) -> tuple[Path, Path]:
-    """Return what to convert, which may be the folder of --images, and the file to write. Raises SettingError."""
-    if len(files) == 2:
-        return files[0], files[1]
-    if len(files) == 1 and tables.poses is not None and bag.choices.images is not None:
-        return Path(bag.choices.images), files[0]
+def _sources_and_target(
+    files: Sequence[Path], bag: Bag, tables: TableChoices, are_several: bool
+) -> tuple[Sequence[Path], Path]:
+    """Return what to convert, which may be the folder of --images, and what to write. Raises SettingError."""
+    if len(files) == 2 or (len(files) > 2 and are_several):
+        return files[:-1], files[-1]
+    if len(files) == 1 and tables.poses is not None and bag.choices.images is not None and not are_several:
+        return [Path(bag.choices.images)], files[0]
     words = " ".join(map(str, files)) or "no file"
     raise SettingError(f"convert: found {words}; expected IN OUT or, of a folder, --images DIR --poses TABLE and OUT")
+
+
+def _converted(source: Path, episode: int, bag: Bag, tables: TableChoices) -> "palpate.Recording":
+    """Return what is to be converted as a recording. Raises PalpateError."""
+    from palpate.io.lerobot import is_lerobot, read_lerobot
+    from palpate.types.sensor import known_sensor
+
+    if is_lerobot(source):
+        shape = bag.shape and palpate.load_shape(bag.shape, bag.shape_unit)
+        with progress_bar(f"reading {source.name}") as bar:
+            return read_lerobot(source, episode, shape or None, bag.choices, tables, known_sensor(bag.sensor), bar)
+    if tables != TableChoices():
+        return _folder_recording(source, bag, tables)
+    with progress_bar(f"converting {source.name}"):
+        return bag.read(source).recording
+
+
+def _convert_to_lerobot(sources: Sequence[Path], target: Path, force: bool, bag: Bag) -> Report:
+    """Write recordings as a dataset of LeRobot."""
+    from palpate.io.lerobot_writer import write_lerobot
+
+    recordings = [bag.read(source).recording for source in sources]
+    with progress_bar(f"writing {target.name}", len(recordings)) as bar:
+        write_lerobot(recordings, target, force, bar)
+    frames = sum(map(len, recordings))
+    return Report(target.name, {"in": [*map(str, sources)], "out": str(target), "frames": frames})
 
 
 def _folder_recording(folder: Path, bag: Bag, tables: TableChoices) -> "palpate.Recording":

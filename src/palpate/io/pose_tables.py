@@ -151,6 +151,16 @@ def read_pose_table(path: Path, choices: TableChoices) -> PoseTable:
         return PoseTable(stamps, poses, f"{found.layout}, times in {unit}", found.is_order_known)
 
 
+def poses_of_numbers(path: Path, names: Sequence[str], numbers: Array, choices: TableChoices) -> PoseTable:
+    """Return the poses in numbers (N, columns) whose names are known, or are none, without times. Raises FileError."""
+    cells = [[repr(number) for number in row] for row in numbers.tolist()]
+    table = Table(path, [column_name(name) for name in names], list(range(len(cells))), cells)
+    with in_file(path):
+        found = _named(table) if table.names else _unnamed(table, None, choices)
+        poses = _in_metres(found.numbers, choices.poses_unit or found.unit)
+        return PoseTable(None, poses, found.layout, found.is_order_known)
+
+
 class _Found(NamedTuple):
     """Poses as a table has them."""
 
