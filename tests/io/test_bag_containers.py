@@ -186,7 +186,7 @@ def test_a_database_under_another_name(tmp_path):
 
 def test_folders_that_are_no_bags(tmp_path):
     (tmp_path / "frame_1.png").write_bytes(b"png")
-    with pytest.raises(FileError, match=r"is a folder without .*One of images: see palpate convert"):
+    with pytest.raises(FileError, match=r"is a folder without .*palpate info"):
         load_recording(tmp_path)
     (tmp_path / "a.mcap").write_bytes(b"mcap")
     with pytest.raises(FileError, match=r"or give recordings themselves, as .*a\.mcap"):

@@ -99,7 +99,8 @@ def existing_bag(path: Path | str) -> Path:
         _check_no_journal(part)
     if not parts:
         raise FileError(
-            f"{path}: is a folder without .db3 or .mcap; were they moved? One of images: see palpate convert --images"
+            f"{path}: is a folder without .db3 or .mcap; were they moved? If it is one of images or a dataset of LeRobot, "
+            "palpate info says how to convert it"
         )
     listed = read_text(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else ""
     for part in parts:
