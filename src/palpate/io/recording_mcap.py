@@ -20,6 +20,7 @@ from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
 from palpate.io import ros_messages as ros
+from palpate.io.decode_message import decoded
 from palpate.io.recording import Recording
 from palpate.io.rosbag_reader import CutShort, front_matter, is_mcap, mcap_messages
 from palpate.io.rosbag_recording import BagChoices, read_bag
@@ -150,7 +151,7 @@ def _frames(path: Path) -> tuple[list[bytes], int]:
     try:
         for raw in mcap_messages(path):
             if raw.channel[:2] == (IMAGES, ros.COMPRESSED_IMAGE):
-                images.append(ros.decoded(raw).data.tobytes())
+                images.append(decoded(raw).data.tobytes())
             if raw.channel.topic == SENSOR_POSES:
                 count += 1
     except CutShort as error:

@@ -179,22 +179,6 @@ def stamped_image(time: int, image: bytes) -> Any:
     return message(COMPRESSED_IMAGE, header=header(time, "sensor"), format=codec, data=data)
 
 
-def decoded(raw: RawMessage) -> Any:
-    """Return the message with its fields as attributes. Raises FileError that names its topic if it is damaged."""
-    from palpate.io.foxglove_messages import as_ros
-
-    topic, type_, encoding = raw.channel
-    try:
-        if raw.channel.is_foxglove:
-            return as_ros(raw)
-        if encoding == "cdr":
-            return ros_types(encoding).deserialize_cdr(raw.data, type_)
-        return ros_types(encoding).deserialize_ros1(raw.data, type_)
-    except Exception as error:  # damaged bytes can raise anything in the decoder
-        time = f"{raw.log_time * 1e-9:.9f} s"
-        raise FileError(f"{topic}: the message recorded at {time} does not decode as {type_}") from error
-
-
 def stamp_of(message: Any) -> int | None:
     """Return the time in a message's header [ns], or in that of its first transform; None if it has no header."""
     stamped = message.transforms[0] if hasattr(message, "transforms") else message

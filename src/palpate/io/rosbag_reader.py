@@ -18,7 +18,8 @@ import numpy as np
 
 from palpate.errors import FileError, one_line
 from palpate.files import begins_with, existing_file, read_text
-from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, decoded, poses_of, stamp_of
+from palpate.io.decode_message import decoded
+from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, poses_of, stamp_of
 from palpate.types.space import Placed, Times, placed_at
 
 logger = logging.getLogger(__name__)
@@ -99,8 +100,8 @@ def existing_bag(path: Path | str) -> Path:
         _check_no_journal(part)
     if not parts:
         raise FileError(
-            f"{path}: is a folder without .db3 or .mcap; were they moved? If it is one of images or a dataset of LeRobot, "
-            "palpate info says how to convert it"
+            f"{path}: is a folder without .db3 or .mcap; were they moved? If it is one of images or a dataset of "
+            "LeRobot, palpate info says how to convert it"
         )
     listed = read_text(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else ""
     for part in parts:

@@ -16,9 +16,10 @@ from palpate.arrays import Array, Flags
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
+from palpate.io.decode_message import decoded
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
 from palpate.io.recording import Recording
-from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
+from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
 from palpate.types.images import UprightImage, camera_view, encode_image, fitted
