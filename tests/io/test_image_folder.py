@@ -191,6 +191,7 @@ BAD = {
     "other columns": ("time,j1,j2,j3", [(0.0, 0.1, 0.1, 0.1)], "time, j1, j2, j3"),
     "two positions": ("time,a_x,a_y,b_x,b_y,yaw", [(0.0,) * 6], "a_x"),
     "five numbers": ("", [(0.0,) * 5], "5 columns"),
+    "degrees": ("time,x,y,yaw", [(START + k / 100, 0.1, 0.1, 90.0 + k) for k in range(9)], "theta_deg"),
     "no matrix": ("", [(START + k / 100, *range(16)) for k in range(9)], "line 1"),
     "a short row": ("time,x,y,theta", [(0.0, 0.1, 0.1, 0.1), (0.1, 0.1)], "line 3"),
     "no rows": ("time,x,y,theta", [], "no rows"),

@@ -67,9 +67,9 @@ def convert(
 ) -> Report:
     """Convert a bag, a recording of another format, or a folder of images with a table of poses to a recording.
 
-    Examples: palpate convert robot.bag push.mcap --shape 0.09x0.06
+    Example: palpate convert robot.bag push.mcap --shape 0.09x0.06
 
-    palpate convert --images DIR --image-times t.csv --poses ee.csv --shape 0.09x0.06 push.mcap
+    Example: palpate convert --images DIR --image-times t.csv --poses ee.csv --shape 0.09x0.06 push.mcap
 
     Args:
         files: A recording in any known format, a bag, a dataset of LeRobot, or none if there is --poses; and the file

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.arrays import Array, Flags, Times
-from palpate.checks import METRES, other_unit
+from palpate.checks import METRES, TURNS, other_unit
 from palpate.errors import FileError
 from palpate.files import column_name, in_file, read_text, table_rows
 from palpate.types.choices import TableChoices, TimeUnit
@@ -180,6 +180,7 @@ def _unnamed(table: Table, time: int | None, choices: TableChoices) -> _Found:
     if numbers.shape[1] == 16:
         return _matrices(numbers, table)
     if numbers.shape[1] == 3:
+        _check_radians(numbers[:, 2])
         return _Found(numbers, "x, y, theta")
     if choices.quaternion == "wxyz":
         return _Found(numbers[:, [0, 1, 2, 4, 5, 6, 3]], "7 numbers, w first")
@@ -202,9 +203,17 @@ def _named(table: Table) -> _Found:
         poses = table.numbers([places["x"], places["y"], *angles])
         if (_ANGLE.fullmatch(table.names[angles[0]]) or [""])[1] in ("deg", "degrees"):
             poses[:, 2] = np.radians(poses[:, 2])
+        _check_radians(poses[:, 2])
         return _Found(poses, "x, y, theta by names", _unit_of(table, places["x"]))
     allowed = "x, y, z, qx, qy, qz, qw; x, y, theta; or 16 numbered columns, such as O_T_EE[0] to O_T_EE[15]"
     raise FileError(f"found the columns {table.columns}; expected one time and {allowed}, each once")
+
+
+def _check_radians(angles: Array) -> None:
+    """Raise FileError if angles (N,) are probably degrees."""
+    largest = float(np.abs(angles[np.isfinite(angles)]).max(initial=0.0))
+    if largest > TURNS:
+        raise FileError(f"angles reach {largest:.4g} rad: are these degrees? Name the columns time, x, y, theta_deg")
 
 
 def _matching(table: Table, pattern: re.Pattern[str]) -> list[int]:
