@@ -140,6 +140,8 @@ class Bag:
     ] = None
     shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
+    shape_layer: Annotated[str | None, arg("NAME", "the only one with an outline")] = None
+    """Layer of the outline in a drawing; of an SVG also the name of a group or an element."""
     sensor: Sensor = DEFAULT_SENSOR
     choices: BagChoices = field(default_factory=BagChoices)
 
@@ -159,7 +161,7 @@ class Bag:
             return palpate.BagReading(palpate.load_recording(file, orientation), flat())
         if kind != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
-        shape = palpate.load_shape(self.shape, self.shape_unit)
+        shape = palpate.load_shape(self.shape, self.shape_unit, self.shape_layer)
         return palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
 
 

@@ -239,10 +239,10 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
     if bag.shape is None or first is None:
         raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
-    if bag != Bag(bag.shape, bag.shape_unit, choices=BagChoices(**placement)):
-        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
+    if bag != Bag(bag.shape, bag.shape_unit, bag.shape_layer, choices=BagChoices(**placement)):
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", "shape_layer", *placement))
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
-    shape = palpate.load_shape(bag.shape, bag.shape_unit)
+    shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
     with progress_bar("looking for images and poses"):
         sources = stack.enter_context(camera_sources(camera, poses, palpate.DIGIT, bag.choices))
     return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)
