@@ -15,6 +15,7 @@ from palpate.errors import FileError
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
+from palpate.io.time_order import in_order
 from palpate.types.choices import Normal, Placement
 from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
@@ -150,11 +151,12 @@ class Recording:
         sensor = known_sensor(sensor)
         check_outline(shape)
         time = nanoseconds("image_time", image_time, least=1e-3)
-        checks.check_rows("image_time", time, np.diff(time, prepend=time[0] - 1) > 0, "a time after the one before")
+        is_in_order = in_order("image_time", time, is_strict=True)
         given_images, flags = _images_and_contact(images, contact, len(time), sensor)
 
         time = time + round(time_offset * 1e9)
         sensor_poses = poses_of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
+        sensor_poses = replace(sensor_poses, known=sensor_poses.known & is_in_order)
         truth = truth_from(object_poses, pose_time if object_time is None else object_time, time)
         named_images = None if given_images is None else ("images", given_images)
         frames = SpatialFrames(time, sensor_poses, truth, named_images, flags)

@@ -19,6 +19,7 @@ import numpy as np
 from palpate.errors import FileError, one_line
 from palpate.files import begins_with, existing_file, read_text
 from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, decoded, poses_of, stamp_of
+from palpate.io.time_order import believed, stamped_in_order
 from palpate.types.space import Placed, Times, placed_at
 
 logger = logging.getLogger(__name__)
@@ -170,6 +171,8 @@ class Stream:
     """Frames in which the poses are given; several contradict one another."""
     numbers: "array[float]" = field(default_factory=partial(array, "d"))
     """Seven numbers of each pose, position x, y, z [m] and quaternion x, y, z, w; one number of each contact flag."""
+    topics: set[str] = field(default_factory=set)
+    """Topics that the transforms were on."""
     damaged: int = 0
     """Number of messages that do not decode."""
 
@@ -184,10 +187,10 @@ class Stream:
 
     @property
     def offsets(self) -> Times:
-        """Header stamps less times of recording [ns], of messages with a stamp; a stamp of 0 counts as none."""
+        """Header stamps less times of recording [ns], of messages whose stamp is neither 0 nor one of a few far off."""
         stamp = np.array(self.times["header"], np.int64)
         log_time = np.array(self.times["log"], np.int64)[: len(stamp)]
-        return (stamp - log_time)[stamp != 0]
+        return (stamp - log_time)[believed(stamp, log_time)]
 
     def about(self) -> dict[str, Any]:
         """Return the numbers that `palpate info` shows."""
@@ -215,9 +218,17 @@ class Stream:
                 self.frames.append(pose.frame)
 
     def placed(self, clock: str, time: Times) -> Placed:
-        """Return the poses at times (M,) [ns] of a clock."""
+        """Return the poses at times (M,) [ns] of a clock. Raises FileError if the times of the poses go back."""
         numbers = np.array(self.numbers).reshape(-1, 7)
-        return placed_at(self.name, np.array(self.times[clock], np.int64), numbers, time, self.is_static)
+        times = np.array(self.times[clock], np.int64)
+        if self.is_static and len(self.topics) > 1:
+            raise FileError(f"{self.name} are on {' and '.join(sorted(self.topics))}; allowed is one of both")
+        if not self.is_static:
+            log_time = np.array(self.times["log"], np.int64)
+            order = stamped_in_order(self.name, times, log_time, clock == "header")
+            times = times[order]
+            numbers = numbers[order]
+        return placed_at(self.name, times, numbers, time, self.is_static)
 
 
 @dataclass(frozen=True)
@@ -282,4 +293,5 @@ def _add_message(raw: RawMessage, topic: Stream, transforms: dict[str, Stream]) 
         for pose in poses:
             stream = transforms.setdefault(pose.child, Stream(f"transforms of {pose.child}", is_transform=True))
             stream.is_static |= raw.channel.topic.endswith("tf_static")
+            stream.topics.add(raw.channel.topic)
             stream.add(raw.log_time, pose.stamp, pose)

@@ -20,6 +20,7 @@ from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
 from palpate.io.recording import Recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
+from palpate.io.time_order import stamped_in_order
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
 from palpate.types.images import encode_image
 from palpate.types.sensor import SENSORS, SensorProfile
@@ -223,7 +224,7 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
     if choices.image_times is not None:
         poses, truth = _sources(bag, choices)
         topic = str(choices.image_times)
-        stamps, images = _sorted_images(topic, _listed_images(Path(choices.image_times), choices.images))
+        stamps, images = _one_at_a_time(topic, sorted(_listed_images(Path(choices.image_times), choices.images)))
     elif are_flags:
         topics = bag.of((BOOL,))
         topic = _only(bag, "topic of contact flags", [*topics], choices.images, "--images TOPIC")
@@ -233,7 +234,7 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
         topics = bag.of(IMAGE_TYPES)
         topic = _only(bag, "image topic", [*topics], choices.images, "--images TOPIC")
         poses, truth = _sources(bag, choices, topics[topic])
-        stamps, images = _sorted_images(topic, list(_images(bag, topic, choices.clock)))
+        stamps, images = _one_at_a_time(topic, _images_in_order(bag, topic, choices.clock))
     time = stamps + round(choices.time_offset * 1e9)
     frames = SpatialFrames(
         time,
@@ -250,14 +251,23 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
     return BagReading(Recording(**fields, shape=shape, source=source, file=bag.path), plane)
 
 
-def _sorted_images(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, list[Any]]:
+def _one_at_a_time(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, list[Any]]:
     """Return times [ns] and images in the order of time; of several at one time the last is kept, with a warning."""
     by_time = dict(images)
-    stamps = sorted(by_time)
     repeated = len(images) - len(by_time)
     if repeated:
         logger.warning("%s: %d images have the time of another one and are left out", topic, repeated)
-    return np.array(stamps, np.int64), [by_time[stamp] for stamp in stamps]
+    return np.array(list(by_time), np.int64), list(by_time.values())
+
+
+def _images_in_order(bag: Contents, topic: str, clock: str) -> list[tuple[int, bytes | FileError]]:
+    """Return times [ns] by a clock and encoded images of a topic. Raises FileError if the times go back."""
+    found = list(_images(bag, topic))
+    log_time = np.array([time for time, _, _ in found], np.int64)
+    stamp = np.array([time for _, time, _ in found], np.int64)
+    order = stamped_in_order(topic, stamp, log_time, clock == "header")
+    times = stamp if clock == "header" else log_time
+    return [(int(times[index]), found[index][2]) for index in order]
 
 
 def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Times, Flags]:
@@ -278,20 +288,23 @@ def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Tim
     return time, flags[latest]
 
 
-def _images(bag: Contents, topic: str, clock: str) -> Iterator[tuple[int, bytes | FileError]]:
-    """Yield times [ns] and encoded images of a topic, or the error on one that is damaged."""
+def _images(bag: Contents, topic: str) -> Iterator[tuple[int, int, bytes | FileError]]:
+    """Yield times of recording and stamps [ns] of a topic, and its encoded images or the error on one that is damaged.
+
+    A message without a stamp has 0.
+    """
     with suppress(CutShort):  # of which `contents` has warned
         for raw in bag_messages(bag.path):
             if raw.channel.topic != topic or not raw.channel.is_read or raw.channel.type not in IMAGE_TYPES:
                 continue
             with suppress(FileError):  # `contents` has counted messages that do not decode
                 message = decoded(raw)
-                time = raw.log_time if clock == "log" else stamp_of(message) or 0
+                stamp = stamp_of(message) or 0
                 try:
                     data = image_in(message)
-                    yield time, data if isinstance(data, bytes) else encode_image(data, "png")
+                    yield raw.log_time, stamp, data if isinstance(data, bytes) else encode_image(data, "png")
                 except FileError as error:
-                    yield time, error
+                    yield raw.log_time, stamp, error
 
 
 def _listed_images(table: Path, folder: Path | str | None) -> list[tuple[int, Path]]:
