@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeAlias
 import tyro
 
 import palpate
-from palpate.errors import SettingError
+from palpate.errors import SettingError, kept_warnings
 from palpate.types.choices import (
     DEFAULT_NOISE,
     DEFAULT_SENSOR,
@@ -161,8 +161,10 @@ class Bag:
             return palpate.BagReading(palpate.load_recording(file, orientation), flat())
         if kind != "bag":
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
-        shape = palpate.load_shape(self.shape, self.shape_unit, self.shape_layer)
-        return palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
+        with kept_warnings() as warnings:
+            shape = palpate.load_shape(self.shape, self.shape_unit, self.shape_layer)
+        recording, plane = palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
+        return palpate.BagReading(recording.warned(warnings), plane)
 
 
 @dataclass(frozen=True)

@@ -104,17 +104,14 @@ def _track_file(file: Path, folder: Path, bag: Bag, tracking: dict[str, Any], ou
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import draw
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
-    from palpate.pipeline.track import kept_warnings
     from palpate.viewer.page import write_page
 
     with new_run(folder, output.may_replace) as part:
-        with kept_warnings() as warnings:
-            recording, plane = bag.read(file)
+        recording, plane = bag.read(file)
         if output.mcap:
             nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 
         def keep(run: "palpate.Run") -> None:
-            run.summary["warnings"][:0] = warnings
             if output.page:
                 draw(part / PAGE, lambda page: write_page(run, page))
             write_files(run, part, plane if output.mcap else None)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Array, Flags
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError, SettingError, kept_warnings
 from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
@@ -71,9 +71,11 @@ def read_bag(
     truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks differ, or poses leave
     the plane.
     """
-    bag = contents(Path(path))
-    with in_file(bag.path):
-        return recording_of(bag, shape, choices or BagChoices(), sensor)
+    with kept_warnings() as warnings:
+        bag = contents(Path(path))
+        with in_file(bag.path):
+            recording, plane = recording_of(bag, shape, choices or BagChoices(), sensor)
+    return BagReading(recording.warned(warnings), plane)
 
 
 def read_poses(
