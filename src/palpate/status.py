@@ -31,7 +31,7 @@ VARIABLES: Mapping[str, str] = {
 }
 """Each variable of the object in words."""
 
-SLANTED_PUSH = 0.2
+SLANTED_PUSH = math.radians(12.0)
 """[rad] Angle of a push from the sensor's x axis from which a turned frame is asked about before turned images."""
 MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
 """Sentence once touch images are taken as mirrored."""
@@ -245,8 +245,10 @@ def decide(evidence: Evidence) -> Verdict:
     row = next(row for row in TABLE if row.applies(evidence))
     reason = row.reason(evidence)
     if not row.is_whole_reason:
-        first = evidence.input.weakness  # of the stream, which explains what follows
-        reason = _joined(evidence.input.doubt, first, reason)
+        sentences = [reason, evidence.input.weakness]
+        if abs(evidence.input.push_angle) >= SLANTED_PUSH:
+            sentences.reverse()  # a turned frame explains what follows
+        reason = _joined(evidence.input.doubt, *sentences)
     return Verdict(row.status, reason)
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from bag_samples import (
@@ -28,7 +29,19 @@ from mcap.writer import Writer
 from planar import compose, wrap
 from scipy.spatial.transform import Rotation
 
-from palpate import DIGIT, POINT, BagChoices, Disc, FileError, PalpateError, gel_pose, read_bag, read_poses
+from palpate import (
+    DIGIT,
+    POINT,
+    BagChoices,
+    Disc,
+    FileError,
+    PalpateError,
+    gel_pose,
+    load_recording,
+    read_bag,
+    read_poses,
+    write_recording,
+)
 
 SHAPE = Disc(0.05)
 
@@ -551,3 +564,33 @@ def test_times_of_recording_that_are_all_equal(tmp_path, container):
     unstamped = restamped(messages, lambda time: 0)
     with pytest.raises(FileError, match=r"have only 1 different header stamps$"):
         read(tmp_path / "none", unstamped)
+
+
+@pytest.mark.parametrize(("label", "order"), [("yuv422", "YUYV"), ("yuv422_yuy2", "UYVY")])
+def test_images_in_yuv_of_the_other_order_are_told_and_read_as_they_are(tmp_path, caplog, label, order):
+    pixels = touch_images(1)[0]
+    data = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_RGB2YUV_{order}"))
+    images = [as_encoding(image_message(time, pixels), label, data) for time in image_times(3)]
+    recording = read(tmp_path, images + poses())
+    assert np.median(np.abs(recording[0].image.astype(int) - pixels)) < 5
+    assert f"/digit/image_raw: images are labelled '{label}'" in caplog.text
+    assert [label in warning for warning in recording.warnings] == [True]
+
+
+def test_warnings_of_an_import_belong_to_the_recording(tmp_path):
+    upside_down = lifted(lambda seconds: 0.1, Rotation.from_euler("x", np.pi))
+    recording = read(tmp_path, few_images(24) + set_clock(upside_down, 3600.0, 1))
+    write_recording(recording, tmp_path / "kept.mcap")
+    kept = load_recording(tmp_path / "kept.mcap").warnings
+    assert kept == recording.warnings and len(kept) == 2
+    assert "z axis points against" in kept[1] and "header stamps" in kept[0]
+
+
+@pytest.mark.parametrize("first_bytes", [b"\x28\xb5\x2f\xfd", b"BZh9", b"\xfd7zXZ\x00"])
+def test_a_file_that_is_compressed_is_told(tmp_path, first_bytes):
+    path = tmp_path / "push_0.mcap.zstd"
+    path.write_bytes(first_bytes + bytes(40))
+    with pytest.raises(FileError, match=r"push_0\.mcap\.zstd: is compressed by"):
+        read_bag(path, SHAPE)
+    with pytest.raises(FileError, match="is compressed by"):
+        load_recording(path)

@@ -226,6 +226,21 @@ def test_images_come_in_any_form(tmp_path, caplog):
     assert blind.image is None and blind.contact.tolist() == touched.tolist()
 
 
+def test_encoded_images_are_scaled_as_arrays_are():
+    big = np.repeat(np.repeat(tiny_images(20), 3, axis=1), 3, axis=2)
+    stored = made(images=[encoded(image) for image in big]).image
+    assert {np.shape(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)) for data in stored} == {(12, 8, 3)}
+
+
+def test_a_dark_border_round_the_gel_is_told(caplog):
+    gel = np.random.default_rng(0).normal(120, 2, (240, 320, 3)).clip(0, 255).astype(np.uint8)
+    framed = np.full_like(gel, 10)
+    framed[30:-30, 40:-40] = gel[30:-30, 40:-40]
+    for image, is_told in ((gel, False), (framed, True)):
+        made(images=[image] * 20, sensor="gelsight-mini", codec="png")
+        assert ("dark border on all sides" in caplog.text) == is_told
+
+
 def test_ground_truth_has_times_and_holes_of_its_own():
     when = np.arange(0.0, 1.0, 0.1)
     truth = true_pose(when)

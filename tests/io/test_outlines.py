@@ -3,6 +3,7 @@
 import gzip
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -269,7 +270,8 @@ def test_a_frame_round_a_part_is_asked_about():
         if text:
             space.add_text(text).set_placement((100, -30))
 
-    for options in ({}, {"is_named": False}, {"holes": 0}, {"holes": 0, "is_named": False}):
+    several: Any = ({}, {"is_named": False}, {"holes": 0}, {"holes": 0, "is_named": False})
+    for options in several:
         with pytest.raises(FileError, match=r"290 x 210 mm.* 90 x 60 mm.*shape_layer"):
             load_shape(drawing(4, lambda space, options=options: draw(space, **options)))
     with pytest.raises(FileError, match=r"may be a frame"):

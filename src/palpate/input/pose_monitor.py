@@ -26,6 +26,8 @@ _LONGEST_GAP = 60.0
 """[s] between frames; a clock that jumps farther is accepted at its second frame."""
 _SLOW_STREAM = 1.5
 """Mean interval between frames, in nominal ones, from which a stream is slow: a third of its frames are lost."""
+_FAST_STREAM = 0.55
+"""Mean interval between frames, in nominal ones, below which errors of frames are not independent: at 60 Hz for 30."""
 _HARMLESS_MOTION = 2e-3
 """[m] of motion that may hide behind a pose that repeats, and does no harm."""
 _SUDDEN_STOP = 0.5
@@ -151,6 +153,9 @@ class PoseMonitor:
         if len(self._intervals) == _RECENT_FRAMES and usual * self._rate >= _SLOW_STREAM:
             advice = other_time_unit(usual, self._rate) or "the pose is known less well"
             return f"frames come {1.0 / usual:.2g} times a second and not {self._rate:g} times; {advice}"
+        if len(self._intervals) == _RECENT_FRAMES and 0.0 < usual * self._rate <= _FAST_STREAM:
+            found = f"frames come {1.0 / usual:.3g} times a second and not {self._rate:g} times"
+            return f"{found}: the estimate is too sure; keep one in {round(1.0 / (usual * self._rate))}"
         return axis_words(self.push_angle) if abs(self.push_angle) >= SIDEWAYS_PUSH else ""
 
     @property

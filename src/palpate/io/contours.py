@@ -20,16 +20,24 @@ from palpate.errors import ShapeError
 
 logger = logging.getLogger(__name__)
 
-MEETING = 1e-5
-"""[m] Largest distance of ends that meet."""
-FLAT = 0.01
-"""Largest rise of a line out of the x y plane, as a share of its length: beyond it lengths in the plane are wrong."""
-SHEET_SIDE = 0.18
-"""[m] Least length of the longer side of a frame round a sheet of paper, that of A5."""
-SHEET_RATIO = (1.2, 1.6)
-"""Ratio of the sides of such a frame."""
-SMALL = 0.02
-"""Share of the area of a frame below which a round outline in it is a hole in an object rather than the object."""
+
+@dataclass(frozen=True)
+class _Limits:
+    """Limits of what is found here."""
+
+    meeting: float = 1e-5
+    """[m] Largest distance of ends that meet."""
+    flat: float = 0.01
+    """Largest rise of a line out of the x y plane, as a share of its length: beyond it lengths are wrong."""
+    sheet_side: float = 0.18
+    """[m] Least length of the longer side of a frame round a sheet of paper, that of A5."""
+    sheet_ratio: tuple[float, float] = (1.2, 1.6)
+    """Ratio of the sides of such a frame."""
+    small: float = 0.02
+    """Share of the area of a frame below which a round outline in it is a hole in an object rather than the object."""
+
+
+_LIMITS = _Limits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +170,7 @@ def _why_none(lines: Sequence[Line], drawing: Drawing) -> str:
 def _is_upright(line: Line) -> bool:
     """Return true for a line that rises out of the plane of x and y."""
     length = float(np.linalg.norm(np.ptp(line.points, axis=0)))
-    return line.rise > max(FLAT * length, MEETING)
+    return line.rise > max(_LIMITS.flat * length, _LIMITS.meeting)
 
 
 def _tilt_words(rise: float) -> str:
@@ -184,7 +192,7 @@ def _contours(lines: Sequence[Line]) -> list[Contour]:
     closed: list[Line] = []
     rest: list[Line] = []
     for line in lines:
-        is_closed = len(line.points) > 2 and np.hypot(*(line.points[0] - line.points[-1])) <= MEETING
+        is_closed = len(line.points) > 2 and np.hypot(*(line.points[0] - line.points[-1])) <= _LIMITS.meeting
         (closed if is_closed else rest).append(line)
     found = [contour for line in closed for contour in _areas((line,), [line.points])]
     for ring in _rings(rest):
@@ -198,7 +206,7 @@ def _contours(lines: Sequence[Line]) -> list[Contour]:
 
 def _are_same(one: Contour, other: Contour) -> bool:
     """Return true for contours that are drawn on one another."""
-    margin = MEETING * other.area.length
+    margin = _LIMITS.meeting * other.area.length
     if abs(one.area.area - other.area.area) > margin or not one.area.intersects(other.area):
         return False
     return one.area.symmetric_difference(other.area).area <= margin
@@ -259,7 +267,7 @@ def _are_first(lines: Sequence[Line], nodes: NDArray[np.intp]) -> Flags:
     for index, (line, (start, stop)) in enumerate(zip(lines, nodes.tolist(), strict=True)):
         others = drawn.setdefault((min(start, stop), max(start, stop)), [])
         shape = shapely.LineString(line.points)
-        if start == stop or any(shape.hausdorff_distance(other) <= 2.0 * MEETING for other in others):
+        if start == stop or any(shape.hausdorff_distance(other) <= 2.0 * _LIMITS.meeting for other in others):
             first[index] = False
         others.append(shape)
     return first
@@ -295,7 +303,7 @@ def _cross(one: Any, other: Any) -> bool:
     if not one.intersects(other):
         return False
     shared = one.intersection(other).area
-    margin = 2.0 * MEETING * min(one.length, other.length)
+    margin = 2.0 * _LIMITS.meeting * min(one.length, other.length)
     return margin < shared < min(one.area, other.area) - margin
 
 
@@ -320,12 +328,16 @@ def _check_frame(
         )
     if not _is_rectangle(outline.area):
         return
-    parts = [hole for hole in holes if not _is_round(hole.area) or hole.area.area > SMALL * outline.area.area]
+    parts = [hole for hole in holes if not _is_round(hole.area) or hole.area.area > _LIMITS.small * outline.area.area]
     if not parts:
         return
     sides = np.sort(np.ptp(outline.corners, axis=0))
-    is_sheet = sides[1] >= SHEET_SIDE and SHEET_RATIO[0] <= sides[1] / sides[0] <= SHEET_RATIO[1]
-    is_divided = outline.parts > 1 or any(hole.area.distance(outline.area.exterior) <= MEETING for hole in parts)
+    is_sheet = (
+        sides[1] >= _LIMITS.sheet_side and _LIMITS.sheet_ratio[0] <= sides[1] / sides[0] <= _LIMITS.sheet_ratio[1]
+    )
+    is_divided = outline.parts > 1 or any(
+        hole.area.distance(outline.area.exterior) <= _LIMITS.meeting for hole in parts
+    )
     is_on_another = any(hole.layer != outline.layer and not _is_round(hole.area) for hole in parts)
     if is_sheet or is_divided or is_on_another or _holds_all(outline.area, notes):
         raise ShapeError(
@@ -390,5 +402,5 @@ def _ends_and_nodes(lines: Sequence[Line]) -> tuple[Array, NDArray[np.intp]]:
     from scipy.spatial import KDTree
 
     ends = np.array([line.points[[0, -1]] for line in lines]).reshape(-1, 2)
-    places = np.array([min(near) for near in KDTree(ends).query_ball_point(ends, MEETING)])
+    places = np.array([min(near) for near in KDTree(ends).query_ball_point(ends, _LIMITS.meeting)])
     return ends, places.reshape(-1, 2)

@@ -101,7 +101,7 @@ def encoded_images(
     frame that tracking skips. Raises FileError, which names the image, if pixels do not fit, or if none of the encoded
     images that are looked at can be used.
     """
-    from palpate.touch.background import warn_if_squeezed
+    from palpate.touch.background import warn_if_bordered, warn_if_squeezed
 
     _warn_if_sorted_as_texts(name, images)
     view = camera_view(orientation)
@@ -137,6 +137,7 @@ def encoded_images(
         first_damage = damage[0] if damage else "it is empty"
         logger.warning("%s: %d of %d images are left out: %s", name, empty, len(encoded), first_damage)
     warn_if_squeezed(samples, name)
+    warn_if_bordered(samples, name)
     return tuple(encoded)
 
 

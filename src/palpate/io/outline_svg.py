@@ -18,8 +18,8 @@ from palpate.io.contours import Drawing, Line
 
 logger = logging.getLogger(__name__)
 
-PIXELS = 96.0
-"""Pixels in an inch, as defined by CSS."""
+_PIXEL = METRES["in"] / 96
+"""Length of a pixel [m], as defined by CSS."""
 UNITS = {"mm": 1e-3, "cm": 1e-2, "in": METRES["in"], "pt": METRES["in"] / 72, "pc": METRES["in"] / 6, "q": 2.5e-4}
 """Lengths of the units of an SVG [m]."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
@@ -37,7 +37,7 @@ def read_svg(path: Path, scale: float | None, unit_advice: str) -> Drawing:
         data = unpacked(path)
         if re.search(rb"\bmask\s*[:=]|<symbol\b[^>]*\bviewBox", data):
             logger.warning("%s: masks, and scales of symbols, are not applied", path)
-        page = svgelements.SVG.parse(io.BytesIO(_readable_svg(data)), ppi=PIXELS)
+        page = svgelements.SVG.parse(io.BytesIO(_readable_svg(data)), ppi=METRES["in"] / _PIXEL)
         drawing = Drawing()
         _add_seen(drawing, page, page)
         size = abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0
@@ -174,7 +174,7 @@ def _unit(page: Any, advice: str) -> float:
             if numbers:
                 sizes.append(float(given[1]) * UNITS[given[2]] / numbers)
             else:  # without a viewBox numbers are pixels
-                sizes.append(METRES["in"] / PIXELS)
+                sizes.append(_PIXEL)
     if not sizes:
         raise ShapeError(f"the drawing has no size, its width is {page.values.get('width', 'not given')!r}: {advice}")
     return min(sizes)

@@ -25,6 +25,16 @@ from palpate.types.space import Placed, Times, placed_at
 logger = logging.getLogger(__name__)
 
 
+_PACKED = {
+    b"\x28\xb5\x2f\xfd": ("zstd", "of a bag give the folder, whose metadata.yaml says so, or run `zstd -d` on"),
+    b"\x04\x22\x4d\x18": ("lz4", "run `lz4 -d` on"),
+    b"BZh": ("bzip2", "run `bunzip2` on"),
+    b"\xfd7zXZ\x00": ("xz", "run `unxz` on"),
+    b"7z\xbc\xaf\x27\x1c": ("7-Zip", "unpack"),
+}
+"""First bytes of compressed files that nothing here reads, with their kind and what to do."""
+
+
 class CutShort(Exception):
     """A file ends too early, or is damaged from some point on; everything before that was read."""
 
@@ -92,6 +102,9 @@ def existing_bag(path: Path | str) -> Path:
     path = Path(path)
     if not path.is_dir():
         _check_no_journal(path)
+        for first_bytes, (kind, advice) in _PACKED.items():
+            if begins_with(path, first_bytes):
+                raise FileError(f"{path}: is compressed by {kind}; {advice} it")
         return existing_file(path)
     files = sorted([*path.glob("[!.]*.mcap*"), *path.glob("[!.]*.db3*")])
     parts = [file for file in files if not file.name.endswith(("-wal", "-shm", "-journal"))]

@@ -18,7 +18,7 @@ from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
 from palpate.io.recording import Recording
-from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of
+from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, decoded, image_in, stamp_of, yuv_order
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
 from palpate.io.time_order import stamped_in_order
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
@@ -295,15 +295,21 @@ def _images(bag: Contents, topic: str) -> Iterator[tuple[int, int, bytes | FileE
 
     A message without a stamp has 0.
     """
+    encoding: str | None = None  # of the first image, if its label is wrong
     with suppress(CutShort):  # of which `contents` has warned
         for raw in bag_messages(bag.path):
             if raw.channel.topic != topic or not raw.channel.is_read or raw.channel.type not in IMAGE_TYPES:
                 continue
             with suppress(FileError):  # `contents` has counted messages that do not decode
                 message = decoded(raw)
+                if encoding is None:
+                    encoding = yuv_order(message)
+                    if encoding:
+                        words = "%s: images are labelled %r, but their colours are in the order of %r, which is taken"
+                        logger.warning(words, topic, message.encoding, encoding)
                 stamp = stamp_of(message) or 0
                 try:
-                    data = image_in(message)
+                    data = image_in(message, encoding)
                     yield raw.log_time, stamp, data if isinstance(data, bytes) else encode_image(data, "png")
                 except FileError as error:
                     yield raw.log_time, stamp, error

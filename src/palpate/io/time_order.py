@@ -5,6 +5,7 @@ So times are looked at in the order in which they came, before anything is sorte
 
 import logging
 from bisect import bisect_right
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +17,30 @@ logger = logging.getLogger(__name__)
 
 UNKNOWN = np.iinfo(np.int64).min
 """Stands for a time that is not known, such as NaN."""
-_LONGEST_RUN = 3
-"""Times in a row that may be out of order: a clock that was set leaves more."""
-_FEW = 0.02
-"""Share of times that may be wrong and cost only themselves."""
-_FARTHEST_OFFSET = 10**9
-"""[ns] Largest difference of a stamp from the others of its stream, each against its time of recording."""
-_CLOCK_STEP = 0.1
-"""[s] Step of a clock that is told; delays of messages vary by less."""
-_BLOCK = 10
-"""Messages of which the one that was least late tells the clock."""
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Limits of what is found here."""
+
+    longest_run: int = 3
+    """Times in a row that may be out of order: a clock that was set leaves more."""
+    few: float = 0.02
+    """Share of times that may be wrong and cost only themselves."""
+    farthest_offset: int = 10**9
+    """[ns] Largest difference of a stamp from the others of its stream, each against its time of recording."""
+    clock_step: float = 0.1
+    """[s] Step of a clock that is told; delays of messages vary by less."""
+    block: int = 10
+    """Messages of which the one that was least late tells the clock."""
+
+
+_LIMITS = _Limits()
 
 
 def are_few(count: int, total: int) -> bool:
     """Return true if so many wrong values of all cost only themselves."""
-    return count <= max(1, _FEW * total)
+    return count <= max(1, _LIMITS.few * total)
 
 
 def in_order(name: str, time: Times, advice: str = "", is_strict: bool = False) -> Flags:
@@ -48,7 +58,7 @@ def in_order(name: str, time: Times, advice: str = "", is_strict: bool = False) 
     wrong = good & ~kept
     edges = np.flatnonzero(np.diff(np.r_[0, wrong[good].astype(np.int8), 0]))
     longest = int(np.diff(edges)[::2].max()) if len(edges) else 0
-    if wrong.any() and not (are_few(int(wrong.sum()), len(time)) and longest <= _LONGEST_RUN):
+    if wrong.any() and not (are_few(int(wrong.sum()), len(time)) and longest <= _LIMITS.longest_run):
         raise FileError(f"{name}: {_steps_back(time[good])}; allowed is a time after the one before{advice}")
     left_out = ~kept
     if left_out.any():
@@ -126,11 +136,11 @@ def believed(stamp: Times, log_time: Times) -> Flags:
 
     Each is compared with its time of recording [ns], unless these are all equal. More than a few that are far off stay.
     """
-    good = (stamp != 0) | (log_time <= _FARTHEST_OFFSET)
+    good = (stamp != 0) | (log_time <= _LIMITS.farthest_offset)
     if not good.any() or not np.ptp(log_time):
         return good
     offset = stamp - log_time
-    is_far = good & (np.abs(offset - np.median(offset[good])) > _FARTHEST_OFFSET)
+    is_far = good & (np.abs(offset - np.median(offset[good])) > _LIMITS.farthest_offset)
     return good & ~is_far if are_few(int(is_far.sum()), len(stamp)) else good
 
 
@@ -139,12 +149,12 @@ def _warn_of_a_step(name: str, stamp: Times, offset: Times) -> None:
 
     Of a few messages the one that was least late tells the clock.
     """
-    count = len(offset) // _BLOCK
+    count = len(offset) // _LIMITS.block
     if count < 4:
         return
-    clock = 1e-9 * offset[: count * _BLOCK].reshape(count, _BLOCK).max(axis=1)
+    clock = 1e-9 * offset[: count * _LIMITS.block].reshape(count, _LIMITS.block).max(axis=1)
     place = int(np.argmax(np.abs(np.diff(clock)))) + 1
     step = float(np.median(clock[place:]) - np.median(clock[:place]))
-    if abs(step) > _CLOCK_STEP and abs(clock[place] - clock[place - 1]) > 0.8 * abs(step):
+    if abs(step) > _LIMITS.clock_step and abs(clock[place] - clock[place - 1]) > 0.8 * abs(step):
         words = "%s: header stamps step by %+.3f s against the times of recording at %.3f s: was a clock set?"
-        logger.warning(words, name, step, stamp[place * _BLOCK] * 1e-9)
+        logger.warning(words, name, step, stamp[place * _LIMITS.block] * 1e-9)
