@@ -80,3 +80,12 @@ def test_a_yaw_of_more_than_half_a_turn_is_unknown():
     for deviation in (1.6, 3360.0):
         reason = decide(Evidence(replace(rough, yaw_deviation=deviation))).reason
         assert "2 mm" in reason and "unknown" in reason and "degrees" not in reason
+
+
+def test_the_axis_of_motion_is_named_before_images_that_are_turned():
+    mirrored = replace(KNOWN, takes_images_as_mirrored=True)
+    slanted = decide(Evidence(mirrored, InputEvidence(push_angle=0.35))).reason
+    assert slanted.startswith("the sensor moves +20 degrees off the x axis") and "upside down" in slanted
+    sideways = decide(Evidence(mirrored, InputEvidence(push_angle=1.6, weakness="along y"))).reason
+    assert sideways.startswith("along y; touch fits")
+    assert decide(Evidence(KNOWN, InputEvidence(push_angle=0.35))) == ("tracking", "")

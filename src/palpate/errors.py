@@ -1,6 +1,12 @@
-"""The errors palpate raises on bad input. Each message names what is wrong, what was found and what is allowed."""
+"""The errors palpate raises on bad input. Each message names what is wrong, what was found and what is allowed.
 
+Warnings go to the logger "palpate"; `kept_warnings` keeps them where they belong to a recording or a run.
+"""
+
+import logging
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 # Control characters, characters that change the direction of writing, and halves of characters, as in names of files
 # that are not text.
@@ -48,3 +54,35 @@ def printable(text: str) -> str:
 def one_line(error: BaseException) -> str:
     """Return the message of a library's error as one short line."""
     return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+_listening: list[list[str]] = []
+"""Lists that receive warnings now, of blocks one in another."""
+
+
+class _Listener(logging.Handler):
+    """Handler that keeps warnings in all lists, and shows them as if it were not there."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a warning; show it where no other handler takes it."""
+        for kept in _listening:
+            kept.append(record.getMessage())
+        if not logging.root.handlers and logging.lastResort:  # it is not called where any handler takes the record
+            logging.lastResort.handle(record)
+
+
+_LISTENER = _Listener(logging.WARNING)
+
+
+@contextmanager
+def kept_warnings() -> Iterator[list[str]]:
+    """Yield a list that receives palpate's warnings while the block runs; they are shown as before."""
+    kept: list[str] = []
+    logging.getLogger("palpate").addHandler(_LISTENER)  # which is added once
+    _listening.append(kept)
+    try:
+        yield kept
+    finally:
+        _listening[:] = [other for other in _listening if other is not kept]
+        if not _listening:
+            logging.getLogger("palpate").removeHandler(_LISTENER)

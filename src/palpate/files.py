@@ -31,8 +31,9 @@ def existing_file(path: Path | str) -> Path:
         if path.stat().st_size == 0:
             raise FileError(f"{path}: is empty")
         with path.open("rb") as file:
-            if file.read(23) == b"version https://git-lfs":
-                raise FileError(f"{path}: is a Git LFS pointer in place of the file; `git lfs pull` gets the file")
+            first = file.read(23)
+        if first == b"version https://git-lfs":
+            raise FileError(f"{path}: is a Git LFS pointer in place of the file; `git lfs pull` gets the file")
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from error
     return path

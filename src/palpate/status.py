@@ -31,6 +31,8 @@ VARIABLES: Mapping[str, str] = {
 }
 """Each variable of the object in words."""
 
+SLANTED_PUSH = math.radians(12.0)
+"""[rad] Angle of a push from the sensor's x axis from which a turned frame is asked about before turned images."""
 MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
 """Sentence once touch images are taken as mirrored."""
 
@@ -47,6 +49,8 @@ class InputEvidence:
     """Reason to doubt the calibration's untouched gel; empty if there is none."""
     weakness: str = ""
     """Weakness of the stream; empty if there is none."""
+    push_angle: float = 0.0
+    """Angle of the sensor's motion while it touches from its x axis [rad]; 0 while it is not known."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +149,19 @@ def _ambiguity(on: Evidence) -> str:
     count = sum(ambiguity.origins.values())
     farthest = f"{1e3 * ambiguity.distance:.0f} mm and {math.degrees(ambiguity.angle):.0f} degrees"
     causes = ", ".join(f"{ORIGINS[origin]} ({number})" for origin, number in ambiguity.origins.items())
-    return f"{count} poses up to {farthest} from the best fit what was measured: {causes}"
+    sentence = f"{count} poses up to {farthest} from the best fit what was measured: {causes}"
+    return _joined(_slant(on), sentence) if "mirrored images" in ambiguity.origins else sentence
+
+
+def _slant(on: Evidence) -> str:
+    """Return a question about the sensor's frame if it moves off its x axis, which looks like mirrored images."""
+    angle = math.degrees(on.input.push_angle)
+    if abs(on.input.push_angle) < SLANTED_PUSH or on.input.weakness:
+        return ""
+    return (
+        f"the sensor moves {angle:+.0f} degrees off the x axis of its own frame in contact: if it does not push at a "
+        "slant, its frame is turned (sensor_T_gel)"
+    )
 
 
 def _uncertainty(on: Evidence) -> str:
@@ -158,7 +174,7 @@ def _uncertainty(on: Evidence) -> str:
 
 def _orientation_of_images(on: Evidence) -> str:
     if on.pose.takes_images_as_mirrored:
-        return MIRRORED
+        return _joined(_slant(on), MIRRORED)
     if on.pose.may_images_be_mirrored:
         return "not yet known if touch images are upside down or mirrored; --orientation upright says that they are not"
     return ""
@@ -229,7 +245,10 @@ def decide(evidence: Evidence) -> Verdict:
     row = next(row for row in TABLE if row.applies(evidence))
     reason = row.reason(evidence)
     if not row.is_whole_reason:
-        reason = _joined(evidence.input.doubt, reason, evidence.input.weakness)
+        sentences = [reason, evidence.input.weakness]
+        if abs(evidence.input.push_angle) >= SLANTED_PUSH:
+            sentences.reverse()  # a turned frame explains what follows
+        reason = _joined(evidence.input.doubt, *sentences)
     return Verdict(row.status, reason)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from recording_samples import pushed, seen
 
 import palpate
 
@@ -93,3 +94,21 @@ def test_damaged_images(check):
 def test_real_pushes_by_two_fingers(json_of, shared_data: Path):
     fingers = [json_of("info", file) for file in sorted((shared_data / "cmu_two_finger").glob("*.txt"))]
     assert all("time gap" in kinds(each) for each in fingers)
+
+
+def test_poses_of_something_else_are_told(check):
+    seen_push = seen(pushed(60))
+    still = np.repeat(seen_push.sensor_pose[:1], len(seen_push), axis=0)
+    untouched = (seen_push.image[0],) * len(seen_push)
+    for change, words in (
+        ({"sensor_pose": still}, "does not change"),
+        ({}, "moves along -x of its own frame"),
+        ({"image": untouched, "contact": None}, "show no touch"),
+    ):
+        findings = check(replace(seen_push, **change))["findings"]
+        assert [words in each["sentence"] for each in findings if each["kind"] == "mismatch"] == [True]
+
+
+def test_warnings_of_an_import_are_repeated(check):
+    (finding,) = check(replace(push(), warnings=("two of 40 poses are unknown",)))["findings"]
+    assert (finding["kind"], finding["sentence"]) == ("import", "two of 40 poses are unknown")

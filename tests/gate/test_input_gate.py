@@ -257,10 +257,11 @@ def test_a_good_stream_has_no_weakness():
     [
         (1.0, "frames come 1 times a second and not 30 times; the pose is known less well"),
         (15.0, "frames come 15 times a second and not 30 times; the pose is known less well"),
-        (60.0, ""),
+        (50.0, ""),
+        (60.0, "frames come 60 times a second and not 30 times: the estimate is too sure; keep one in 2"),
     ],
 )
-def test_a_rate_that_is_too_low_is_named(rate, sentence):
+def test_a_rate_that_is_too_low_or_too_high_is_named(rate, sentence):
     assert reasons(np.arange(40) / rate)[-1] == sentence
 
 

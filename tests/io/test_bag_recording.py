@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from bag_samples import (
@@ -28,7 +29,19 @@ from mcap.writer import Writer
 from planar import compose, wrap
 from scipy.spatial.transform import Rotation
 
-from palpate import DIGIT, POINT, BagChoices, Disc, FileError, PalpateError, gel_pose, read_bag, read_poses
+from palpate import (
+    DIGIT,
+    POINT,
+    BagChoices,
+    Disc,
+    FileError,
+    PalpateError,
+    gel_pose,
+    load_recording,
+    read_bag,
+    read_poses,
+    write_recording,
+)
 
 SHAPE = Disc(0.05)
 
@@ -292,6 +305,74 @@ def test_clocks_that_do_not_go_together(tmp_path, stamp, message):
     same_poses(recording.sensor_pose, true_pose(image_times(6) + 2_000_000))  # poses are logged 1 ms late themselves
 
 
+def set_clock(messages: list[Message], seconds: float, count: int = 1000) -> list[Message]:
+    """The messages with a clock that is set by some time from the 25th on, for so many messages."""
+    return [
+        restamped([message], lambda time: time + round(seconds * 1e9))[0] if 25 <= index < 25 + count else message
+        for index, message in enumerate(messages)
+    ]
+
+
+@pytest.mark.parametrize("seconds", [-0.4, -0.9])
+@pytest.mark.parametrize("clock", ["log", "header"])
+def test_a_clock_that_goes_back_is_no_order_to_sort(tmp_path, seconds, clock):
+    messages = few_images(24) + set_clock(poses(), seconds)
+    if clock == "log":
+        assert len(read(tmp_path, messages, clock="log")) == 24
+        return
+    with pytest.raises(FileError, match=r"/ee_pose: header stamps: times go back once .* from 1700000000\.480 s"):
+        read(tmp_path / "poses", messages)
+    times = image_times(60)
+    images = [compressed_message(time, touch_images(1)[0]) for time in times]
+    with pytest.raises(FileError, match="/digit/image/compressed: header stamps: times go back once"):
+        read(tmp_path / "images", set_clock(images, seconds) + poses())
+
+
+@pytest.mark.parametrize("seconds", [3600.0, -3600.0, 0.3, -0.3, None])
+def test_one_wrong_stamp_costs_itself(tmp_path, caplog, seconds):
+    wrong = set_clock(poses(), seconds or 0.0, 1)
+    if seconds is None:
+        wrong[25] = restamped([wrong[25]], lambda time: 0)[0]
+    found = read(tmp_path, few_images(24) + wrong)
+    assert len(found) >= 22
+    same_poses(found.sensor_pose, true_pose(np.round(found.time * 1e9)), 1e-3)
+    assert "/ee_pose" in caplog.text and "left out" in caplog.text
+
+
+def test_a_clock_that_is_set_forward_is_told(tmp_path, caplog):
+    read(tmp_path, few_images(24) + set_clock(poses(), 0.4))
+    assert "/ee_pose: header stamps step by +0.400 s" in caplog.text
+
+
+def test_one_transform_of_two_senders_is_refused(tmp_path):
+    def sent(late: int, off: float, back: int = 0) -> list[Message]:
+        found = []
+        for time, pose in zip(pose_times() + late, true_pose(pose_times() + late), strict=True):
+            position = [pose[0] + off, pose[1], 0.1]
+            message = transform_message(time, "base", "gel", position, Rotation.from_euler("z", pose[2]))
+            transform = dict(message.content["transforms"][0], header=header(time - back, "base"))
+            found.append(replace(message, content={"transforms": [transform]}))
+        return found
+
+    for late, back, words in ((9_000_000, 0, "two senders give it"), (9_000_000, 15_000_000, "two senders write them")):
+        both = few_images() + sent(0, 0.0) + sent(late, 0.024, back)
+        with pytest.raises(FileError, match=f"transforms of gel: .*{words}"):
+            read(tmp_path / words[-4:], both, sensor_poses="base:gel")
+    with pytest.raises(FileError, match="transforms of gel are on /tf and /tf_static"):
+        read(tmp_path / "still", few_images() + sent(0, 0.0) + still("base gel"), sensor_poses="base:gel")
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0, 0.0), (0.15, -0.1, 0.13), (0.2, -0.1, 0.1)])
+def test_one_wrong_pose_costs_itself(tmp_path, caplog, position):
+    wrong = poses()
+    content = wrong[25].content["pose"] | {"position": dict(zip("xyz", position, strict=True))}
+    wrong[25] = replace(wrong[25], content=wrong[25].content | {"pose": content})
+    found = read(tmp_path, few_images(24) + wrong)
+    assert 22 <= len(found) < 24
+    same_poses(found.sensor_pose, true_pose(np.round(found.time * 1e9)), 1e-3)
+    assert "1 of 68 poses leap" in caplog.text
+
+
 def test_images_of_one_time_are_counted(tmp_path, caplog):
     messages = restamped(few_images(), lambda time: min(time, int(image_times(6)[3])))
     assert len(read(tmp_path, messages + poses())) == 4
@@ -483,3 +564,33 @@ def test_times_of_recording_that_are_all_equal(tmp_path, container):
     unstamped = restamped(messages, lambda time: 0)
     with pytest.raises(FileError, match=r"have only 1 different header stamps$"):
         read(tmp_path / "none", unstamped)
+
+
+@pytest.mark.parametrize(("label", "order"), [("yuv422", "YUYV"), ("yuv422_yuy2", "UYVY")])
+def test_images_in_yuv_of_the_other_order_are_told_and_read_as_they_are(tmp_path, caplog, label, order):
+    pixels = touch_images(1)[0]
+    data = cv2.cvtColor(pixels, getattr(cv2, f"COLOR_RGB2YUV_{order}"))
+    images = [as_encoding(image_message(time, pixels), label, data) for time in image_times(3)]
+    recording = read(tmp_path, images + poses())
+    assert np.median(np.abs(recording[0].image.astype(int) - pixels)) < 5
+    assert f"/digit/image_raw: images are labelled '{label}'" in caplog.text
+    assert [label in warning for warning in recording.warnings] == [True]
+
+
+def test_warnings_of_an_import_belong_to_the_recording(tmp_path):
+    upside_down = lifted(lambda seconds: 0.1, Rotation.from_euler("x", np.pi))
+    recording = read(tmp_path, few_images(24) + set_clock(upside_down, 3600.0, 1))
+    write_recording(recording, tmp_path / "kept.mcap")
+    kept = load_recording(tmp_path / "kept.mcap").warnings
+    assert kept == recording.warnings and len(kept) == 2
+    assert "z axis points against" in kept[1] and "header stamps" in kept[0]
+
+
+@pytest.mark.parametrize("first_bytes", [b"\x28\xb5\x2f\xfd", b"BZh9", b"\xfd7zXZ\x00"])
+def test_a_file_that_is_compressed_is_told(tmp_path, first_bytes):
+    path = tmp_path / "push_0.mcap.zstd"
+    path.write_bytes(first_bytes + bytes(40))
+    with pytest.raises(FileError, match=r"push_0\.mcap\.zstd: is compressed by"):
+        read_bag(path, SHAPE)
+    with pytest.raises(FileError, match="is compressed by"):
+        load_recording(path)

@@ -132,19 +132,49 @@ def test_the_gel_is_somewhere_on_the_hand():
     same(found.sensor_pose, true_pose(POSE_TIME[:20]))
 
 
-def test_poses_are_sorted_and_unknown_in_long_gaps_of_a_motion():
+def test_poses_are_unknown_in_long_gaps_of_a_motion():
     numbers = np.zeros((6, 7))
-    numbers[:, 0] = 0.02, 0.0, 0.09, 0.01, 0.02, 0.03
-    numbers[:, 5:] = np.array([[1], [1], [1], [-1], [1], [1]]) * (np.sin(0.1), np.cos(0.1))
+    numbers[:, 0] = 0.0, 0.011, 0.01, 0.02, 0.02, 0.03
+    numbers[:, 5:] = np.array([[1], [1], [-1], [1], [1], [1]]) * (np.sin(0.1), np.cos(0.1))
     asked = np.array([0.05, 0.1, 0.15, 0.7, 1.2, 1.5, 1.8])
     found = made(
         image_time=asked, images=None, sensor=POINT, contact=np.zeros(7, bool),
-        pose_time=[0.2, 0.0, 0.1, 0.1, 1.2, 1.8], poses=numbers,
+        pose_time=[0.0, 0.1, 0.1, 0.2, 1.2, 1.8], poses=numbers,
     )  # fmt: skip
     # Of two poses at 0.1 s the last counts. Nothing moves up to 1.2 s, so that gap hides nothing; the next one does.
     assert found.time == pytest.approx(np.delete(asked, 5))
     assert found.sensor_pose[:, 0] == pytest.approx([0.005, 0.01, 0.015, 0.02, 0.02, 0.03])
     assert found.sensor_pose[:, 2] == pytest.approx(0.2)
+
+
+def test_two_takes_are_not_sorted_into_one():
+    other = true_pose(POSE_TIME) + np.array([0.1, 0.05, 0.3])
+    for time in (POSE_TIME, POSE_TIME + 0.004, POSE_TIME[:20] + 0.002):
+        with pytest.raises(FileError, match=r"pose_time: times go back once by .* s .*two takes"):
+            made(pose_time=np.r_[POSE_TIME, time], poses=np.vstack([true_pose(POSE_TIME), other[: len(time)]]))
+
+
+@pytest.mark.parametrize("value", [3600.0, np.nan, 0.0])
+def test_one_wrong_time_costs_itself(value, caplog):
+    poses = true_pose(POSE_TIME)
+    wrong = POSE_TIME.copy()
+    wrong[25] = value
+    found = made(pose_time=wrong, poses=poses)
+    same(found.sensor_pose, true_pose(found.time), within=1e-3)
+    assert len(found) == 20 and "pose_time: 1 of 50 times" in caplog.text
+    wrong = IMAGE_TIME.copy()
+    wrong[10] = value
+    found = made(image_time=wrong)
+    assert found.time == pytest.approx(np.delete(IMAGE_TIME, 10), abs=1e-9)
+    assert all(
+        (frame.image == image).all() for frame, image in zip(found, np.delete(tiny_images(20), 10, 0), strict=True)
+    )
+    assert "image_time: 1 of 20 times" in caplog.text
+
+
+def test_noise_is_no_second_sender():
+    noise = np.random.default_rng(0).normal(scale=(0.004, 0.004, 0.05), size=(50, 3))
+    assert len(made(object_poses=true_pose(POSE_TIME) + noise)) == 20
 
 
 def test_images_that_are_stamped_late(caplog):
@@ -196,6 +226,21 @@ def test_images_come_in_any_form(tmp_path, caplog):
     assert blind.image is None and blind.contact.tolist() == touched.tolist()
 
 
+def test_encoded_images_are_scaled_as_arrays_are():
+    big = np.repeat(np.repeat(tiny_images(20), 3, axis=1), 3, axis=2)
+    stored = made(images=[encoded(image) for image in big]).image
+    assert {np.shape(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)) for data in stored} == {(12, 8, 3)}
+
+
+def test_a_dark_border_round_the_gel_is_told(caplog):
+    gel = np.random.default_rng(0).normal(120, 2, (240, 320, 3)).clip(0, 255).astype(np.uint8)
+    framed = np.full_like(gel, 10)
+    framed[30:-30, 40:-40] = gel[30:-30, 40:-40]
+    for image, is_told in ((gel, False), (framed, True)):
+        made(images=[image] * 20, sensor="gelsight-mini", codec="png")
+        assert ("dark border on all sides" in caplog.text) == is_told
+
+
 def test_ground_truth_has_times_and_holes_of_its_own():
     when = np.arange(0.0, 1.0, 0.1)
     truth = true_pose(when)
@@ -243,7 +288,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"pose_time": np.float32(1e6 + POSE_TIME).astype(float)}, "pose_time: .* as float32 has them"),
         ({"pose_time": (np.round(POSE_TIME * 1e9) + 2**63).astype(np.uint64)}, "pose_time: .* are nanoseconds"),
         ({"pose_time": np.round(POSE_TIME, 1)}, "pose_time: .*; were they rounded"),
-        ({"image_time": IMAGE_TIME[::-1]}, "image_time: frame 1 is .*a time after the one before"),
+        ({"image_time": IMAGE_TIME[::-1]}, "image_time: times go back always, .*a time after the one before"),
         ({"image_time": []}, "image_time: found no times"),
         ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "poses: .*span 126.7 m.*are these millimetres"),
         ({"poses": true_pose(POSE_TIME) * [1, 1, 57]}, "poses: found angles up to 1[78].* rad: are these degrees"),

@@ -3,6 +3,7 @@
 import gzip
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -212,12 +213,139 @@ def test_hidden_parts_and_blanks_in_an_svg(caplog):
     assert "70x9: the outline is 0.7 m wide, much for an object that a fingertip pushes" in caplog.text
 
 
+SLOT = [(0, 0), (90, 0), (90, 60), (65, 60), (65, 20), (25, 20), (25, 60), (0, 60)]
+"""A U of 3800 mm2 [mm]."""
+
+
+def sheet(x, y, width=290, height=210):
+    return [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+
+
+def draw_sides(space, corners, **attributes):
+    for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
+        space.add_line(start, end, dxfattribs=attributes)
+
+
+@pytest.mark.parametrize("is_polyline", [True, False])
+@pytest.mark.parametrize("beside", ["centre line", "dimensions", "leader", "phantom", "layer", "image", "defpoints"])
+def test_what_is_drawn_beside_a_part_is_no_side_of_it(beside, is_polyline, caplog):
+    caplog.set_level("INFO")
+    made = new(units=4, setup=True)
+    space = made.modelspace()
+    if is_polyline:
+        space.add_lwpolyline(SLOT, close=True)
+    else:
+        draw_sides(space, SLOT)
+    if beside == "centre line":  # of no line type of its own
+        space.add_line((-10, 30), (100, 30))
+        space.add_line((45, -10), (45, 70))
+    elif beside == "dimensions":
+        for start, end in (((0, 65), (90, 65)), ((0, 60), (0, 70)), ((90, 60), (90, 70))):
+            space.add_line(start, end)
+        space.add_solid([(0, 65), (3, 66), (3, 64)])
+        space.add_linear_dim(base=(0, -10), p1=(0, 0), p2=(90, 0)).render()
+    elif beside == "leader":
+        space.add_lwpolyline([(90, 60), (100, 80), (120, 80)])
+    elif beside == "phantom":
+        space.add_lwpolyline(sheet(-99, -99), close=True, dxfattribs={"linetype": "PHANTOM"})
+    elif beside == "layer":
+        made.layers.add("AUX", linetype="DASHED")
+        space.add_lwpolyline(sheet(-99, -99), close=True, dxfattribs={"layer": "AUX"})
+    elif beside == "image":
+        space.add_image(made.add_image_def("a.png", (640, 480)), (-20, -20), (200, 150))
+    else:
+        space.add_lwpolyline(sheet(-99, -99), close=True, dxfattribs={"layer": "Defpoints"})
+    made.saveas("a.dxf")
+    assert load_shape("a.dxf").area == pytest.approx(3800e-6)
+    assert "a.dxf: outline 90 x 60 mm, layer 0, 8 corners" in caplog.text
+
+
+def test_a_frame_round_a_part_is_asked_about():
+    def draw(space, is_named=True, holes=1, text="", side=290):
+        named = {"layer": "PART" if is_named else "0"}
+        space.add_lwpolyline(sheet(-40, -40, side), close=True)
+        space.add_lwpolyline(SLOT, close=True, dxfattribs=named)
+        for _ in range(holes):
+            space.add_circle((10, 10), 4, dxfattribs=named)
+        if text:
+            space.add_text(text).set_placement((100, -30))
+
+    several: Any = ({}, {"is_named": False}, {"holes": 0}, {"holes": 0, "is_named": False})
+    for options in several:
+        with pytest.raises(FileError, match=r"290 x 210 mm.* 90 x 60 mm.*shape_layer"):
+            load_shape(drawing(4, lambda space, options=options: draw(space, **options)))
+    with pytest.raises(FileError, match=r"may be a frame"):
+        load_shape(drawing(4, lambda space: draw(space, False, 0, "bracket", side=160)))
+    assert load_shape(drawing(4, draw), layer="part").area == pytest.approx(3800e-6)
+    with pytest.raises(FileError, match=r"no line on layer 'parts'; it shows lines on 0, PART"):
+        load_shape("a.dxf", layer="parts")
+    with pytest.raises(SettingError, match="no drawing"):
+        load_shape("a.csv", layer="part")
+
+    def draw_plate(space):  # of which the inner outlines are holes
+        space.add_lwpolyline(sheet(0, 0, 160, 100), close=True)
+        space.add_lwpolyline(sheet(60, 40, 30, 20), close=True)
+        for x in (10, 150):
+            space.add_circle((x, 10), 3)
+
+    assert load_shape(drawing(4, draw_plate)).area == pytest.approx(0.016)
+
+
+def test_closed_lines_are_one_outline_or_it_is_said(caplog):
+    def divided(space):
+        draw_sides(space, SLOT)
+        space.add_line((25, 20), (0, 0))
+        space.add_line((25, 20), (90, 0))
+
+    assert load_shape(drawing(4, divided)).area == pytest.approx(3800e-6)
+    assert "lines divide the outline into 3 areas" in caplog.text
+
+    def crossing(space):
+        space.add_lwpolyline(SLOT, close=True)
+        space.add_circle((90, 20), 20)
+
+    with pytest.raises(FileError, match="closed lines cross"):
+        load_shape(drawing(4, crossing))
+    alike = '<path d="M0 0H90V60H0Z" fill="#888"/><path d="M50 0H100V80H50Z" fill="#888"/>'
+    page = 'width="100mm" viewBox="0 0 100 100"'
+    assert load_shape(svg(alike, page)).area == pytest.approx(7e-3)
+    with pytest.raises(FileError, match="dashed"):
+        load_shape(svg('<rect fill="none" stroke="red" stroke-dasharray="4 2" width="60" height="40"/>', page))
+
+
+def test_layers_of_an_svg():
+    points = " ".join(f"{x + 20},{100 - y}" for x, y in SLOT)
+    content = (
+        '<g inkscape:label="Sheet" id="g1"><rect x="5" y="5" width="200" height="140" fill="none" stroke="red"/></g>'
+        f'<g inkscape:label="Part" id="g2"><g id="g3"><polygon points="{points}" fill="none" stroke="red"/></g></g>'
+    )
+    page = (
+        'xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" width="210mm" height="150mm" '
+        'viewBox="0 0 210 150"'
+    )
+    with pytest.raises(FileError, match=r"200 x 140 mm on layer Sheet may be a frame around 90 x 60 mm on layer Part"):
+        load_shape(svg(content, page))
+    for layer in ("Part", "g2", "g3"):
+        assert load_shape("a.svg", layer=layer).area == pytest.approx(3800e-6)
+
+
+def test_an_outline_out_of_the_plane_is_refused():
+    def draw(space, turned):
+        space.add_polyline3d([turned(x, y) for x, y in SLOT], close=True)
+
+    with pytest.raises(FileError, match="tilted plane"):
+        load_shape(drawing(4, lambda space: draw(space, lambda x, y: (x, 0.866 * y, 0.5 * y))))
+    with pytest.raises(FileError, match="not lie flat"):
+        load_shape(drawing(4, lambda space: draw(space, lambda x, y: (x, 0.0, y))))
+    assert load_shape(drawing(4, lambda space: draw(space, lambda x, y: (x, y, 7.0)))).area == pytest.approx(3800e-6)
+
+
 def test_a_periodic_spline_ends_where_it_began(caplog):
     curve = closed_uniform_bspline([(100, 100), (160, 100), (160, 140), (100, 140)])
     found = load_shape(drawing(4, lambda space: space.add_spline().apply_construction_tool(curve)))
     # At a knot it is (1, 4, 1) / 6 of three corners, between two of them (1, 23, 23, 1) / 48 of four.
     np.testing.assert_allclose(np.ptp(found.outline(), axis=0), [0.06 * 22 / 24, 0.04 * 22 / 24], atol=2e-5)
-    assert not caplog.text
+    assert not [record for record in caplog.records if record.levelname == "WARNING"]
 
 
 def test_a_noisy_scan_is_warned_of(caplog):

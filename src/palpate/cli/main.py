@@ -79,6 +79,7 @@ def _set_up_process() -> None:
     log = logging.StreamHandler()
     log.format = lambda record: printable(f"palpate: {record.getMessage()}")
     logging.basicConfig(handlers=[log], level=logging.WARNING)
+    logging.getLogger("palpate.io.outlines").setLevel(logging.INFO)  # an outline's size tells if the right one was read
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
     # The arrays of a step are too small to be shared between threads.

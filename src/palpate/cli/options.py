@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeAlias
 import tyro
 
 import palpate
-from palpate.errors import SettingError
+from palpate.errors import SettingError, kept_warnings
 from palpate.types.choices import (
     DEFAULT_NOISE,
     DEFAULT_SENSOR,
@@ -140,6 +140,8 @@ class Bag:
     ] = None
     shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
+    shape_layer: Annotated[str | None, arg("NAME", "the only one with an outline")] = None
+    """Layer of the outline in a drawing; of an SVG also the name of a group or an element."""
     sensor: Sensor = DEFAULT_SENSOR
     choices: BagChoices = field(default_factory=BagChoices)
 
@@ -150,17 +152,20 @@ class Bag:
         from palpate.types.space import flat
 
         orientation = self.choices.orientation
-        if self.shape is None and self != Bag(choices=BagChoices(orientation)):
-            raise SettingError("--sensor, --images and the other options for bags need --shape, too")
-        if self.shape is None:
-            return palpate.BagReading(palpate.load_recording(file, orientation), flat())
         kind = detect_format(file)
-        if kind is None:  # reading it raises an error that says what is wrong with the file
+        if kind != "bag":  # reading a file of no known format raises an error that says what is wrong with it
+            if kind is not None and self != Bag(choices=BagChoices(orientation)):
+                raise SettingError(
+                    f"{file}: is no bag but a recording, whose outline, sensor, poses and times are settled; of the "
+                    "options for bags only --orientation applies to it"
+                )
             return palpate.BagReading(palpate.load_recording(file, orientation), flat())
-        if kind != "bag":
-            raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
-        shape = palpate.load_shape(self.shape, self.shape_unit)
-        return palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
+        if self.shape is None:
+            raise SettingError(f"{file}: is a bag, which holds no outline of the object: give --shape NAME|AxB|FILE")
+        with kept_warnings() as warnings:
+            shape = palpate.load_shape(self.shape, self.shape_unit, self.shape_layer)
+        recording, plane = palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
+        return palpate.BagReading(recording.warned(warnings), plane)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import palpate
 from palpate.cli.console import Report, progress_bar
 from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError, SettingError, kept_warnings
 from palpate.files import in_file, new_file, numbers_of, read_json
 from palpate.types.choices import DEFAULT_SENSOR, TableChoices
 
@@ -176,16 +176,20 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor import known_sensor
 
-    bag = contents(path)
+    with kept_warnings() as warnings:
+        bag = contents(path)
     choices = palpate.BagChoices(orientation=orientation)
     about: dict[str, Any] = {"topics": [channel._asdict() | stream.about() for channel, stream in bag.topics.items()]}
     about["frames"] = {child: " or ".join(stream.frames) for child, stream in bag.transforms.items()}
     profile = known_sensor(sensor)
     try:
-        recording = recording_of(bag, palpate.Disc(0.05), choices, profile).recording
+        with kept_warnings() as more:
+            recording = recording_of(bag, palpate.Disc(0.05), choices, profile).recording.warned(warnings)
+        recording = recording.warned(more)
     except FileError as error:
         return about | {"advice": str(error)}
-    damaged = sum(finding["kind"] == "image" for finding in check_recording(recording)["findings"])
+    findings = check_recording(recording)["findings"]
+    damaged = sum(finding["kind"] == "image" for finding in findings)
     options = ""
     if sensor != DEFAULT_SENSOR:
         options += f" --sensor {sensor}"
@@ -194,6 +198,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     return about | {
         "source": recording.source,
         "damaged_images": damaged,
+        "findings": findings,
         "advice": f"palpate track {bag.path}{options} --shape NAME|FILE --first-pose X Y THETA",
     }
 

@@ -104,17 +104,14 @@ def _track_file(file: Path, folder: Path, bag: Bag, tracking: dict[str, Any], ou
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import draw
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
-    from palpate.pipeline.track import kept_warnings
     from palpate.viewer.page import write_page
 
     with new_run(folder, output.may_replace) as part:
-        with kept_warnings() as warnings:
-            recording, plane = bag.read(file)
+        recording, plane = bag.read(file)
         if output.mcap:
             nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 
         def keep(run: "palpate.Run") -> None:
-            run.summary["warnings"][:0] = warnings
             if output.page:
                 draw(part / PAGE, lambda page: write_page(run, page))
             write_files(run, part, plane if output.mcap else None)
@@ -239,10 +236,10 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
     if bag.shape is None or first is None:
         raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
-    if bag != Bag(bag.shape, bag.shape_unit, choices=BagChoices(**placement)):
-        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
+    if bag != Bag(bag.shape, bag.shape_unit, bag.shape_layer, choices=BagChoices(**placement)):
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", "shape_layer", *placement))
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
-    shape = palpate.load_shape(bag.shape, bag.shape_unit)
+    shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
     with progress_bar("looking for images and poses"):
         sources = stack.enter_context(camera_sources(camera, poses, palpate.DIGIT, bag.choices))
     return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)

@@ -134,7 +134,9 @@ class InputGate:
             unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,
             background=self.background,
             shows_touch=seen.contact,
-            evidence=InputEvidence(motion.hidden, seen.touches_since_start, self._detector.doubt, weakness),
+            evidence=InputEvidence(
+                motion.hidden, seen.touches_since_start, self._detector.doubt, weakness, self._poses.push_angle
+            ),
         )
 
     def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:

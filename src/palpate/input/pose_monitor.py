@@ -26,16 +26,27 @@ _LONGEST_GAP = 60.0
 """[s] between frames; a clock that jumps farther is accepted at its second frame."""
 _SLOW_STREAM = 1.5
 """Mean interval between frames, in nominal ones, from which a stream is slow: a third of its frames are lost."""
+_FAST_STREAM = 0.55
+"""Mean interval between frames, in nominal ones, below which errors of frames are not independent: at 60 Hz for 30."""
 _HARMLESS_MOTION = 2e-3
 """[m] of motion that may hide behind a pose that repeats, and does no harm."""
 _SUDDEN_STOP = 0.5
 """Share of its usual speed from which a robot does not stop at once, so that a pose which repeats is frozen if no touch
 tells; and of the way at that speed which it has not gone if it stood."""
-_SIDEWAYS_PUSH = 1.22
+SIDEWAYS_PUSH = 1.22
 """[rad] 70 degrees from the sensor's x axis, from which a push is sideways."""
 
 Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]."""
+
+
+def axis_words(angle: float) -> str:
+    """Return a sentence on a sensor that moves at an angle [rad] from its x axis while it touches."""
+    axis = ("+x", "+y", "-x", "-y")[round(angle / (0.5 * math.pi)) % 4]
+    question = "is its frame turned (sensor_T_gel), or is w the first of each quaternion?"
+    return (
+        f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push: {question}"
+    )
 
 
 class _Sample(NamedTuple):
@@ -142,13 +153,17 @@ class PoseMonitor:
         if len(self._intervals) == _RECENT_FRAMES and usual * self._rate >= _SLOW_STREAM:
             advice = other_time_unit(usual, self._rate) or "the pose is known less well"
             return f"frames come {1.0 / usual:.2g} times a second and not {self._rate:g} times; {advice}"
-        angle = cmath.phase(self._pushed)
+        if len(self._intervals) == _RECENT_FRAMES and 0.0 < usual * self._rate <= _FAST_STREAM:
+            found = f"frames come {1.0 / usual:.3g} times a second and not {self._rate:g} times"
+            return f"{found}: the estimate is too sure; keep one in {round(1.0 / (usual * self._rate))}"
+        return axis_words(self.push_angle) if abs(self.push_angle) >= SIDEWAYS_PUSH else ""
+
+    @property
+    def push_angle(self) -> float:
+        """Angle [rad] of the sensor's motion while it touches from its x axis; 0 while it is short."""
         # A shorter motion may be an error of the stated poses.
-        is_long = abs(self._pushed) * math.cos(_SIDEWAYS_PUSH) >= LARGEST_ERROR[0]
-        if abs(angle) < _SIDEWAYS_PUSH or not is_long:
-            return ""
-        axis = ("+x", "+y", "-x", "-y")[round(angle / (0.5 * math.pi)) % 4]
-        return f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push"
+        is_long = abs(self._pushed) * math.cos(SIDEWAYS_PUSH) >= LARGEST_ERROR[0]
+        return cmath.phase(self._pushed) if is_long else 0.0
 
     def _follow(self, now: _Sample, repeats: bool, goes_on: bool, is_elsewhere: bool) -> None:
         """Take a plausible pose into the motion of this contact, or begin another motion with it."""

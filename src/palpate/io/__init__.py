@@ -6,7 +6,7 @@ Each module documents the frames and units of its files.
 from collections.abc import Callable
 from pathlib import Path
 
-from palpate.errors import FileError
+from palpate.errors import FileError, kept_warnings
 from palpate.files import in_file
 from palpate.io.cmu_two_finger import is_cmu_log, read_cmu_log
 from palpate.io.mit_push import is_mit_push, read_mit_push
@@ -39,5 +39,6 @@ def load_recording(path: Path | str, orientation: str = "") -> Recording:
     _, read = FORMATS[name]
     if read is None:
         raise FileError(f"{path}: is a bag without an outline of the object: give --shape, in Python palpate.read_bag")
-    with in_file(path):
-        return read(path).oriented(orientation)
+    with in_file(path), kept_warnings() as warnings:
+        recording = read(path).oriented(orientation)
+    return recording.warned(warnings)

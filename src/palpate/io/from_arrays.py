@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from palpate.arrays import Array, Flags, Image
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError
 from palpate.files import counting_order, existing_file, in_file
+from palpate.io.time_order import UNKNOWN, are_few, in_order
 from palpate.types import space
 from palpate.types.choices import Placement
 from palpate.types.images import (
@@ -32,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 
 def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
-    """Return times (N,), seconds as floats or nanoseconds as integers, as nanoseconds.
+    """Return times (N,), seconds as floats or nanoseconds as integers, as nanoseconds; a few that are NaN are UNKNOWN.
 
     Raises FileError if they are no times, are rounded, or seem to be in another unit, as the median step is below
     `least` [s].
@@ -44,11 +46,15 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     if not len(given):
         raise FileError(f"{name}: found no times, expected one or more")
     is_whole = given.dtype.kind in "iu"
-    check_rows(name, given, np.isfinite(given), "a finite number")
+    is_known = np.isfinite(given)
+    if not is_known.any() or not are_few(int((~is_known).sum()), len(given)):
+        check_rows(name, given, is_known, "a finite number")
+    found = np.full(len(given), UNKNOWN)
+    given = given[is_known]
     exact = given.astype(np.int64 if is_whole else np.float64)
     steps = np.abs(np.diff(exact))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    latest = float(np.abs(given).max())
+    latest = float(np.median(np.abs(given)))  # one that is far ahead costs itself
     _check_unit(name, step, latest, is_whole, least)
     if not is_whole:
         _check_resolution(name, given, step, latest)
@@ -57,7 +63,8 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
             f"{name}: {(steps == 0).sum()} of {len(given)} times are that before; were they rounded, as float32 rounds "
             "them?"
         )
-    return (exact if is_whole else np.round(exact * 1e9)).astype(np.int64)
+    found[is_known] = exact if is_whole else np.round(np.clip(exact, -9e9, 9e9) * 1e9)
+    return found
 
 
 def _check_unit(name: str, step: float, latest: float, is_whole: bool, least: float) -> None:
@@ -94,7 +101,7 @@ def encoded_images(
     frame that tracking skips. Raises FileError, which names the image, if pixels do not fit, or if none of the encoded
     images that are looked at can be used.
     """
-    from palpate.touch.background import warn_if_squeezed
+    from palpate.touch.background import warn_if_bordered, warn_if_squeezed
 
     _warn_if_sorted_as_texts(name, images)
     view = camera_view(orientation)
@@ -130,6 +137,7 @@ def encoded_images(
         first_damage = damage[0] if damage else "it is empty"
         logger.warning("%s: %d of %d images are left out: %s", name, empty, len(encoded), first_damage)
     warn_if_squeezed(samples, name)
+    warn_if_bordered(samples, name)
     return tuple(encoded)
 
 
@@ -169,7 +177,8 @@ def placed_from(name: str, poses: ArrayLike, time_name: str, time: ArrayLike, wa
     numbers = space.pose_numbers(name, poses)
     if len(given_time) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(given_time)} times, expected one for each")
-    return space.placed_at(name, given_time, numbers, wanted)
+    keep = in_order(time_name, given_time)
+    return space.placed_at(name, given_time[keep], numbers[keep], wanted)
 
 
 def truth_from(object_poses: ArrayLike | None, object_time: ArrayLike, wanted: Times) -> Placed | None:
@@ -197,9 +206,8 @@ class SpatialFrames:
     contact: Flags | None = None
     """(N,) contact flags; None if only images show contact."""
 
-    def of_known_pose(self) -> "SpatialFrames":
-        """Return the frames at which the sensor's pose is known, with all images."""
-        keep = self.sensor.known
+    def __getitem__(self, keep: Flags) -> "SpatialFrames":
+        """Return the frames that are flagged (N,), with all images."""
         return replace(
             self,
             time=self.time[keep],
@@ -230,11 +238,15 @@ def planar_fields(
     if frames.images is not None:
         size = (sensor.image_height, sensor.image_width)
         image = encoded_images(*frames.images, np.flatnonzero(is_known).tolist(), size, placement.orientation, codec)
-    frames = frames.of_known_pose()
+    frames = frames[is_known]
     if isinstance(placement.plane, str) and placement.plane == "fit":
         plane = space.plane_through(name, frame, _positions_in_contact(frames, image, sensor))
     else:
         plane = space.plane_across(frame, placement.plane, frames.sensor.position)
+    is_near = space.near_plane(plane, frames.sensor, placement.off_plane, frames.time)
+    frames = frames[is_near]
+    if image is not None:
+        image = tuple(compress(image, is_near))
     sensor_pose = space.in_plane(plane, frames.sensor, placement.off_plane, frames.time)
     _warn_if_upside_down(name, plane, frames.sensor)
     object_pose = None

@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from palpate import checks
 from palpate.arrays import Array, Flags, Image
 from palpate.config import FirstPoseSettings
-from palpate.errors import FileError
+from palpate.errors import FileError, kept_warnings
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
+from palpate.io.time_order import in_order
 from palpate.types.choices import Normal, Placement
 from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
@@ -57,6 +58,8 @@ class Recording:
     exact; None stands for those of a usual set-up, `noise.sensor_pose.calibration`"""
     is_view_known: bool = False
     """true if `orientation` said how images lay, so that they are upright for sure; otherwise tracking doubts it"""
+    warnings: tuple[str, ...] = ()
+    """warnings of its import, which `palpate info` and the summary of a run repeat"""
     file: Path | None = None
     """the file it was read from; errors name it"""
 
@@ -69,6 +72,7 @@ class Recording:
         self._settle("sensor_pose", checks.checked_poses("sensor_pose", self.sensor_pose, n))
         if self.object_pose is not None:
             self._settle("object_pose", checks.checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
+        self._settle("warnings", tuple(map(str, self.warnings)))
         self._settle_start()
         if self.contact is not None:
             contact = checks.checked_array("contact", self.contact, checks.FLAGS, (n,))
@@ -150,17 +154,18 @@ class Recording:
         sensor = known_sensor(sensor)
         check_outline(shape)
         time = nanoseconds("image_time", image_time, least=1e-3)
-        checks.check_rows("image_time", time, np.diff(time, prepend=time[0] - 1) > 0, "a time after the one before")
         given_images, flags = _images_and_contact(images, contact, len(time), sensor)
-
-        time = time + round(time_offset * 1e9)
-        sensor_poses = poses_of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
-        truth = truth_from(object_poses, pose_time if object_time is None else object_time, time)
-        named_images = None if given_images is None else ("images", given_images)
-        frames = SpatialFrames(time, sensor_poses, truth, named_images, flags)
-        name = "from_arrays" if source == "arrays" else source
-        fields, _ = planar_fields(name, "world", frames, placement, sensor, codec)
-        return cls(**fields, shape=shape, source=source)
+        with kept_warnings() as warnings:
+            is_in_order = in_order("image_time", time, is_strict=True)
+            time = time + round(time_offset * 1e9)
+            sensor_poses = poses_of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
+            sensor_poses = replace(sensor_poses, known=sensor_poses.known & is_in_order)
+            truth = truth_from(object_poses, pose_time if object_time is None else object_time, time)
+            named_images = None if given_images is None else ("images", given_images)
+            frames = SpatialFrames(time, sensor_poses, truth, named_images, flags)
+            name = "from_arrays" if source == "arrays" else source
+            fields, _ = planar_fields(name, "world", frames, placement, sensor, codec)
+        return cls(**fields, shape=shape, source=source, warnings=tuple(warnings))
 
     def oriented(self, orientation: str) -> "Recording":
         """Return the recording with its images turned; see `from_arrays`. Raises FileError and SettingError."""
@@ -168,6 +173,10 @@ class Recording:
         size = (self.sensor.image_height, self.sensor.image_width)
         images = self.image and tuple(turned_image(image, size, view) for image in self.image)
         return replace(self, image=images, is_view_known=self.is_view_known or view.is_stated)
+
+    def warned(self, warnings: Sequence[str]) -> "Recording":
+        """Return the recording with further warnings of its import, each once."""
+        return replace(self, warnings=tuple(dict.fromkeys([*self.warnings, *warnings])))
 
     def until(self, count: int) -> "Recording":
         """Return the first `count` frames."""

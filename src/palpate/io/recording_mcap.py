@@ -38,7 +38,7 @@ OBJECT_POSES = "/object/pose"
 CONTACT = "/sensor/contact"
 FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact")
 _NO_RECORDING = f"is no recording of palpate, which is an MCAP with metadata named {METADATA!r}"
-STATED = ("first_pose", "first_pose_sigma", "set_up_sigma", "is_view_known")
+STATED = ("first_pose", "first_pose_sigma", "set_up_sigma", "is_view_known", "warnings")
 
 
 def is_recording(path: Path) -> bool:

@@ -206,10 +206,28 @@ def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:
     return Pose(message.header.frame_id.lstrip("/"), child.lstrip("/"), stamp_of(message) or 0, numbers)
 
 
-def image_in(message: Any) -> bytes | NDArray[np.uint8]:
+def yuv_order(message: Any) -> str:
+    """Return the encoding that the bytes of an Image in YUV 4:2:2 are in if its label names the other order, else "".
+
+    Every second byte is brightness, which changes little from one pixel to the next; the bytes between are two colours
+    in turn.
+    """
+    label = str(getattr(message, "encoding", "")).strip().lower()
+    others = {"YUV2RGB_UYVY": "yuv422_yuy2", "YUV2RGB_YUYV": "yuv422"}
+    other = others.get(ENCODINGS.get(label, (0, ""))[1], "")
+    if not other or message.width < 4 or len(message.data) != message.height * message.step:
+        return ""
+    rows = np.asarray(message.data, np.uint8).reshape(message.height, -1)[:, : 2 * message.width].astype(np.int16)
+    first = float(np.median(np.abs(np.diff(rows[:, ::2], axis=1))))
+    second = float(np.median(np.abs(np.diff(rows[:, 1::2], axis=1))))
+    brightness, colour = (second, first) if other == "yuv422_yuy2" else (first, second)
+    return other if brightness > 2.0 * colour + 2.0 else ""  # [grey levels], of noise
+
+
+def image_in(message: Any, encoding: str = "") -> bytes | NDArray[np.uint8]:
     """Return the bytes of a CompressedImage, or the pixels (height, width, 3) RGB of an Image.
 
-    Raises FileError where it is no colour image.
+    `encoding` is taken in place of that of the message. Raises FileError where it is no colour image.
     """
     if hasattr(message, "format"):
         data = bytes(message.data)
@@ -219,8 +237,9 @@ def image_in(message: Any) -> bytes | NDArray[np.uint8]:
         return data
     import cv2
 
-    encoding = next((name for name in ENCODINGS if name.lower() == message.encoding.strip().lower()), None)
-    if encoding is None:
+    label = (encoding or message.encoding).strip().lower()
+    encoding = next((name for name in ENCODINGS if name.lower() == label), "")
+    if not encoding:
         raise FileError(
             f"images are encoded as {message.encoding!r}, allowed are {', '.join(ENCODINGS)}: colour images"
         )

@@ -20,9 +20,20 @@ from palpate.errors import FileError, one_line
 from palpate.files import begins_with, existing_file, read_text
 from palpate.io.decode_message import decoded
 from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, poses_of, stamp_of
+from palpate.io.time_order import believed, stamped_in_order
 from palpate.types.space import Placed, Times, placed_at
 
 logger = logging.getLogger(__name__)
+
+
+_PACKED = {
+    b"\x28\xb5\x2f\xfd": ("zstd", "of a bag give the folder, whose metadata.yaml says so, or run `zstd -d` on"),
+    b"\x04\x22\x4d\x18": ("lz4", "run `lz4 -d` on"),
+    b"BZh": ("bzip2", "run `bunzip2` on"),
+    b"\xfd7zXZ\x00": ("xz", "run `unxz` on"),
+    b"7z\xbc\xaf\x27\x1c": ("7-Zip", "unpack"),
+}
+"""First bytes of compressed files that nothing here reads, with their kind and what to do."""
 
 
 class CutShort(Exception):
@@ -93,6 +104,9 @@ def existing_bag(path: Path | str) -> Path:
     path = Path(path)
     if not path.is_dir():
         _check_no_journal(path)
+        for first_bytes, (kind, advice) in _PACKED.items():
+            if begins_with(path, first_bytes):
+                raise FileError(f"{path}: is compressed by {kind}; {advice} it")
         return existing_file(path)
     files = sorted([*path.glob("[!.]*.mcap*"), *path.glob("[!.]*.db3*")])
     parts = [file for file in files if not file.name.endswith(("-wal", "-shm", "-journal"))]
@@ -175,6 +189,8 @@ class Stream:
     """Frames in which the poses are given; several contradict one another."""
     numbers: "array[float]" = field(default_factory=partial(array, "d"))
     """Seven numbers of each pose, position x, y, z [m] and quaternion x, y, z, w; one number of each contact flag."""
+    topics: set[str] = field(default_factory=set)
+    """Topics that the transforms were on."""
     damaged: int = 0
     """Number of messages that do not decode."""
 
@@ -189,10 +205,10 @@ class Stream:
 
     @property
     def offsets(self) -> Times:
-        """Header stamps less times of recording [ns], of messages with a stamp; a stamp of 0 counts as none."""
+        """Header stamps less times of recording [ns], of messages whose stamp is neither 0 nor one of a few far off."""
         stamp = np.array(self.times["header"], np.int64)
         log_time = np.array(self.times["log"], np.int64)[: len(stamp)]
-        return (stamp - log_time)[stamp != 0]
+        return (stamp - log_time)[believed(stamp, log_time)]
 
     def about(self) -> dict[str, Any]:
         """Return the numbers that `palpate info` shows."""
@@ -220,10 +236,18 @@ class Stream:
                 self.frames.append(pose.frame)
 
     def placed(self, clock: str, time: Times) -> Placed:
-        """Return the poses at times (M,) [ns] of a clock."""
+        """Return the poses at times (M,) [ns] of a clock. Raises FileError if the times of the poses go back."""
         numbers = np.array(self.numbers).reshape(-1, 7)
+        times = np.array(self.times[clock], np.int64)
         holds_always = self.is_static or (self.is_foxglove and len(numbers) == 1)
-        return placed_at(self.name, np.array(self.times[clock], np.int64), numbers, time, holds_always)
+        if self.is_static and len(self.topics) > 1:
+            raise FileError(f"{self.name} are on {' and '.join(sorted(self.topics))}; allowed is one of both")
+        if not holds_always:
+            log_time = np.array(self.times["log"], np.int64)
+            order = stamped_in_order(self.name, times, log_time, clock == "header")
+            times = times[order]
+            numbers = numbers[order]
+        return placed_at(self.name, times, numbers, time, holds_always)
 
 
 @dataclass(frozen=True)
@@ -289,4 +313,5 @@ def _add_message(raw: RawMessage, topic: Stream, transforms: dict[str, Stream]) 
             stream = transforms.setdefault(pose.child, Stream(f"transforms of {pose.child}", is_transform=True))
             stream.is_static |= raw.channel.topic.endswith("tf_static")
             stream.is_foxglove |= raw.channel.is_foxglove
+            stream.topics.add(raw.channel.topic)
             stream.add(raw.log_time, pose.stamp, pose)

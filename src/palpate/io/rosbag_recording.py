@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Array, Flags
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError, SettingError, kept_warnings
 from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.decode_message import decoded
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
 from palpate.io.recording import Recording
-from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, image_in, stamp_of
+from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, image_in, stamp_of, yuv_order
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
+from palpate.io.time_order import stamped_in_order
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
 from palpate.types.images import UprightImage, camera_view, encode_image, fitted
 from palpate.types.sensor import SENSORS, SensorProfile
@@ -71,9 +72,11 @@ def read_bag(
     truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks differ, or poses leave
     the plane.
     """
-    bag = contents(Path(path))
-    with in_file(bag.path):
-        return recording_of(bag, shape, choices or BagChoices(), sensor)
+    with kept_warnings() as warnings:
+        bag = contents(Path(path))
+        with in_file(bag.path):
+            recording, plane = recording_of(bag, shape, choices or BagChoices(), sensor)
+    return BagReading(recording.warned(warnings), plane)
 
 
 def read_poses(
@@ -224,7 +227,7 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
     if choices.image_times is not None:
         poses, truth = _sources(bag, choices)
         topic = str(choices.image_times)
-        stamps, images = _sorted_images(topic, _listed_images(Path(choices.image_times), choices.images))
+        stamps, images = _one_at_a_time(topic, sorted(_listed_images(Path(choices.image_times), choices.images)))
     elif are_flags:
         topics = bag.of((BOOL,))
         topic = _only(bag, "topic of contact flags", [*topics], choices.images, "--images TOPIC")
@@ -234,7 +237,7 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
         topics = bag.of(IMAGE_TYPES)
         topic = _only(bag, "image topic", [*topics], choices.images, "--images TOPIC")
         poses, truth = _sources(bag, choices, topics[topic])
-        stamps, images = _sorted_images(topic, list(_images(bag, topic, choices, sensor)))
+        stamps, images = _one_at_a_time(topic, _images_in_order(bag, topic, choices, sensor))
     time = stamps + round(choices.time_offset * 1e9)
     frames = SpatialFrames(
         time,
@@ -251,14 +254,25 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
     return BagReading(Recording(**fields, shape=shape, source=source, file=bag.path), plane)
 
 
-def _sorted_images(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, list[Any]]:
+def _one_at_a_time(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, list[Any]]:
     """Return times [ns] and images in the order of time; of several at one time the last is kept, with a warning."""
     by_time = dict(images)
-    stamps = sorted(by_time)
     repeated = len(images) - len(by_time)
     if repeated:
         logger.warning("%s: %d images have the time of another one and are left out", topic, repeated)
-    return np.array(stamps, np.int64), [by_time[stamp] for stamp in stamps]
+    return np.array(list(by_time), np.int64), list(by_time.values())
+
+
+def _images_in_order(
+    bag: Contents, topic: str, choices: BagChoices, sensor: SensorProfile
+) -> list[tuple[int, bytes | FileError]]:
+    """Return times [ns] by the chosen clock and encoded images of a topic. Raises FileError if the times go back."""
+    found = list(_images(bag, topic, choices, sensor))
+    log_time = np.array([time for time, _, _ in found], np.int64)
+    stamp = np.array([time for _, time, _ in found], np.int64)
+    order = stamped_in_order(topic, stamp, log_time, choices.clock == "header")
+    times = stamp if choices.clock == "header" else log_time
+    return [(int(times[index]), found[index][2]) for index in order]
 
 
 def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Times, Flags]:
@@ -281,24 +295,33 @@ def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Tim
 
 def _images(
     bag: Contents, topic: str, choices: BagChoices, sensor: SensorProfile
-) -> Iterator[tuple[int, bytes | FileError]]:
-    """Yield times [ns] and encoded images of a topic, or the error on one that is damaged."""
+) -> Iterator[tuple[int, int, bytes | FileError]]:
+    """Yield times of recording and stamps [ns] of a topic, and its encoded images or the error on one that is damaged.
+
+    A message without a stamp has 0.
+    """
     view = camera_view(choices.orientation)
     size = (sensor.image_height, sensor.image_width)
+    encoding: str | None = None  # of the first image, if its label is wrong
     with suppress(CutShort):  # of which `contents` has warned
         for raw in bag_messages(bag.path):
             if raw.channel.topic != topic or not raw.channel.is_read or raw.channel.type not in IMAGE_TYPES:
                 continue
             with suppress(FileError):  # `contents` has counted messages that do not decode
                 message = decoded(raw)
-                time = raw.log_time if choices.clock == "log" else stamp_of(message) or 0
+                if encoding is None:
+                    encoding = yuv_order(message)
+                    if encoding:
+                        words = "%s: images are labelled %r, but their colours are in the order of %r, which is taken"
+                        logger.warning(words, topic, message.encoding, encoding)
+                stamp = stamp_of(message) or 0
                 try:
-                    data = image_in(message)
+                    data = image_in(message, encoding)
                     if not isinstance(data, bytes):
                         data = UprightImage(encode_image(fitted(data, size, view), "png"))
-                    yield time, data
+                    yield raw.log_time, stamp, data
                 except FileError as error:
-                    yield time, error
+                    yield raw.log_time, stamp, error
 
 
 def _listed_images(table: Path, folder: Path | str | None) -> list[tuple[int, Path]]:

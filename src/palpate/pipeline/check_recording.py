@@ -9,8 +9,10 @@ from palpate.checks import check_metres, other_time_unit
 from palpate.errors import FileError
 from palpate.geometry.shapes import wrong_width
 from palpate.io.recording import Recording
+from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.metrics import flag_runs
 from palpate.touch.background import SteadyImages, first_frames
+from palpate.touch.contact_detector import touched
 
 
 def check_recording(recording: Recording) -> dict[str, Any]:
@@ -21,7 +23,8 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - contacts: start_s and end_s of each contact, since the first frame.
     - images: number of frames with an image; image_size: rows and columns [px].
     - first_pose and its sigma; None if the recording has none.
-    - findings: kind (rate, unit, time gap, light or image), start_s, end_s and sentence.
+    - findings: kind (import, rate, unit, time gap, light, image or mismatch), start_s, end_s and sentence; those of
+      kind import are the warnings that the recording keeps.
     """
     time = recording.time
     contact = recording.contact
@@ -47,7 +50,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "contacts": [] if contact is None else [between(*ends) for ends in flag_runs(contact)],
         "findings": [
             {"kind": kind, **between(first, last), "sentence": sentence}
-            for find in (_other_rate, _other_unit, _time_gaps, _damaged_images_and_light)
+            for find in (_warnings, _other_rate, _other_unit, _time_gaps, _damaged_images_and_light, _mismatches)
             for kind, first, last, sentence in find(recording)
         ],
     }
@@ -55,6 +58,12 @@ def check_recording(recording: Recording) -> dict[str, Any]:
 
 _Finding = tuple[str, int, int, str]
 """Kind of a fault, the first and the last frame, and a sentence."""
+
+
+def _warnings(recording: Recording) -> Iterator[_Finding]:
+    """Find the warnings of the import."""
+    for warning in recording.warnings:
+        yield ("import", 0, -1, warning)
 
 
 def _other_rate(recording: Recording) -> Iterator[_Finding]:
@@ -112,3 +121,13 @@ def _damaged_images_and_light(recording: Recording) -> Iterator[_Finding]:
                 yield ("light", 0, first, "first images are black or change; the untouched gel is learnt after them")
     if is_open and steady.trouble:
         yield ("light", 0, -1, steady.trouble)
+
+
+def _mismatches(recording: Recording) -> Iterator[_Finding]:
+    """Find poses and images that do not belong together."""
+    contact = recording.contact
+    if contact is None:
+        contact = touched(recording.image or (), recording.sensor)
+    if len(contact) == len(recording):
+        for sentence in mismatches(recording, contact):
+            yield ("mismatch", 0, -1, sentence)

@@ -3,7 +3,6 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,9 +12,10 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array
 from palpate.checks import without_gradient
 from palpate.config import NoiseSettings, TrackerSettings
-from palpate.errors import FileError, FrameError, PalpateError, SettingError, one_line
+from palpate.errors import FileError, FrameError, PalpateError, SettingError, kept_warnings, one_line
 from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
+from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
 from palpate.touch.calibration import Calibration
@@ -92,11 +92,18 @@ def track(
         recording = recording.until(len(estimates))
     settings = replace(settings, tactile=tracker.tactile)
     online, answers = gathered(estimates)
+    for sentence in mismatches(recording, online.contact, first, sigma):
+        warnings.append(sentence)
+        logger.warning("%s: %s", recording.file or "the recording", sentence)
     wall_s = time.perf_counter() - begin
     summary = _scores(recording, settings, online, step_ms, wall_s)
     summary["ambiguous_by_origin"] = ambiguous_by_origin(online.status, answers)
     summary["innovations"] = innovation_scores([estimate.innovations for estimate in estimates])
-    summary |= {"final_reason": estimates[-1].reason, "warnings": warnings, "mirrored": tracker.mirrored}
+    summary |= {
+        "final_reason": estimates[-1].reason,
+        "warnings": [*recording.warnings, *warnings],
+        "mirrored": tracker.mirrored,
+    }
     summary["ended"] = _end_of(failure, estimates, total)
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
@@ -230,22 +237,3 @@ def first_pose_of_recording(
     if sigma is None and given is None:
         sigma = recording.first_pose_sigma
     return first, np.array(noise.first_pose.deviation if sigma is None else without_gradient(sigma), np.float64)
-
-
-@contextmanager
-def kept_warnings() -> Iterator[list[str]]:
-    """Yield a list that receives palpate's warnings while the block runs; they are shown as before."""
-    kept: list[str] = []
-
-    def keep(record: logging.LogRecord) -> None:
-        kept.append(record.getMessage())
-        if not logging.root.handlers and logging.lastResort:  # it is not called where any handler takes the record
-            logging.lastResort.handle(record)
-
-    listener = logging.Handler(logging.WARNING)
-    listener.emit = keep
-    logging.getLogger("palpate").addHandler(listener)
-    try:
-        yield kept
-    finally:
-        logging.getLogger("palpate").removeHandler(listener)

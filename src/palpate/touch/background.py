@@ -98,6 +98,7 @@ class SteadyImages:
         if len(self.seen) < self._needed:
             return None
         warn_if_squeezed(self.seen[:1])
+        warn_if_bordered(self.seen[:1])
         background = background_of(self.seen)
         self.seen = []
         self._count = 0
@@ -139,6 +140,27 @@ def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") ->
     # The ratio is above 0.7 in real and drawn images, and mostly below 0.5 in squeezed ones.
     if ratios and np.median(ratios) < 0.5:
         logger.warning("%s seem to have been scaled to their size while they lay on their side: turn them", name)
+
+
+def warn_if_bordered(images: Iterable[Image], name: str = "the first images") -> None:
+    """Warn of images that show the dark housing around the gel, as a GelSight Mini's camera sees it, on all sides."""
+    shares: list[float] = []
+    for image in images:
+        if min(image.shape[:2]) <= 64:
+            continue
+        grey = image.mean(axis=2, dtype=np.float32)
+        rows, columns = grey.shape
+        rim = max(min(rows, columns) // 25, 1)
+        sides = (grey[:rim], grey[-rim:], grey[:, :rim], grey[:, -rim:])
+        middle = np.median(grey[rows // 3 : 2 * rows // 3, columns // 3 : 2 * columns // 3])
+        shares.append(max(float(np.median(side)) for side in sides) / max(float(middle), 1.0))
+    # 0.5 and more in images of a gel alone, whose light falls off towards its borders.
+    if shares and np.median(shares) < 0.35:
+        logger.warning(
+            "%s have a dark border on all sides: do they show the housing around the gel? Crop to the gel, 15 %% at "
+            "each side of a GelSight Mini's, before they are scaled",
+            name,
+        )
 
 
 def has_markers(image: AnyImage) -> bool:

@@ -3,6 +3,7 @@
 import io
 import struct
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
@@ -141,13 +142,21 @@ def scaled(image: Image, size: tuple[int, int]) -> Image:
     """
     import cv2
 
+    smaller = scaled_size((image.shape[0], image.shape[1]), size)
+    if smaller is None:
+        return image
+    return np.asarray(cv2.resize(image, smaller[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def scaled_size(given: tuple[int, int], size: tuple[int, int]) -> tuple[int, int] | None:
+    """Return the rows and columns to which an image is scaled down, if it is a multiple of a size; see `scaled`."""
     rows, columns = size
-    if (image.shape[0] > image.shape[1]) != (size[0] > size[1]):  # it lies on its side
+    if not rows:
+        return None
+    if (given[0] > given[1]) != (rows > columns):  # it lies on its side
         columns, rows = size
-    scale = image.shape[0] // rows
-    if scale > 1 and image.shape[:2] == (scale * rows, scale * columns):
-        return np.asarray(cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
-    return image
+    scale = given[0] // rows
+    return (rows, columns) if scale > 1 and given == (scale * rows, scale * columns) else None
 
 
 def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> Image:
@@ -172,12 +181,20 @@ def fitted(image: Image, size: tuple[int, int], view: CameraView = AS_IT_IS) -> 
 
 
 def turned_image(data: bytes, size: tuple[int, int], view: CameraView) -> bytes:
-    """Return an encoded image turned into a view; damaged bytes are returned as they are.
+    """Return an encoded image turned into a view and scaled down if it is a multiple of a size (rows, columns).
 
-    Raises FileError if it is of another size (rows, columns).
+    Damaged bytes are returned as they are, and so are those of an image that is as it should be. Raises FileError if it
+    is of another size.
     """
-    if view == AS_IT_IS or isinstance(data, UprightImage):
+    from PIL import Image
+
+    if isinstance(data, UprightImage):
         return data
+    if view == AS_IT_IS:
+        with suppress(Exception):  # of damaged bytes, which can raise anything in the library
+            columns, rows = Image.open(io.BytesIO(data), formats=("PNG", "JPEG")).size
+            if (rows, columns) == size or scaled_size((rows, columns), size) is None:
+                return data
     try:
         image = decode_image(data)
     except FileError:

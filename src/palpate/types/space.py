@@ -19,6 +19,7 @@ from palpate.geometry import se2
 from palpate.types.choices import Placement
 from palpate.types.images import camera_view
 from palpate.types.measurements import finite_numbers
+from palpate.types.stray_poses import MANY, stray_poses
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -61,14 +62,14 @@ class Placed:
 
 
 def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: bool = False) -> Placed:
-    """Return the poses of a frame at times (M,) [ns] from those at other times (N,) [ns], which may be in any order.
+    """Return the poses of a frame at times (M,) [ns] from those at other times (N,) [ns], which do not go back.
 
     Given poses are rows (N, 7), position and quaternion x, y, z, w; of several at one time the last counts. Rows with
     NaN or a quaternion of zeros, which motion capture writes when it has lost the frame, are unknown. Positions are
     interpolated linearly, rotations at a constant rate; the last pose of a static frame holds at all times.
 
-    Raises FileError if no pose is known, or if more than a tenth are too far or have a quaternion of another length
-    than 1; fewer such poses are taken as unknown, with a warning.
+    Raises FileError if no pose is known, or if more than a tenth are too far, have a quaternion of another length than
+    1, or leap to and fro; fewer such poses are taken as unknown, with a warning.
     """
     from scipy.spatial.transform import Rotation
 
@@ -85,7 +86,10 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
     if is_static or len(time) == 1:
         last = np.full(len(wanted), -1)
         return Placed(name, position[last], rotation[last], (wanted == time[-1]) | is_static)  # pyright: ignore[reportArgumentType]
-    return _interpolated(name, time, position, rotation, lost_time, wanted)
+    is_stray = stray_poses(name, time, position, rotation)
+    lost_time = np.sort(np.r_[lost_time, time[is_stray]])
+    rotation_kept: Any = rotation[~is_stray]  # pyright: ignore[reportArgumentType]
+    return _interpolated(name, time[~is_stray], position[~is_stray], rotation_kept, lost_time, wanted)
 
 
 def _lost_poses(name: str, time: Times, numbers: Array) -> Flags:
@@ -307,6 +311,33 @@ def in_plane(plane: Plane, placed: Placed, off_plane: float, time: Times | None 
     _check_height(placed.name, np.abs(position[:, 2] - height), off_plane, time)
     _check_tilt(placed.name, np.degrees(np.arcsin(np.clip(x_axis[:, 2], -1.0, 1.0))), time)
     return np.column_stack([position[:, :2], np.arctan2(x_axis[:, 1], x_axis[:, 0])])
+
+
+def near_plane(plane: Plane, placed: Placed, off_plane: float, time: Times) -> Flags:
+    """Return flags (N,) of poses at times (N,) [ns] without the few that are off a plane or turned out of it.
+
+    Distances are from the median height of the poses. A warning counts those that are left out. More than a tenth stay,
+    for the errors of `in_plane` and `upside_down`.
+    """
+    height = placed.position @ plane.axes[:, 2]
+    rises = placed.rotation.apply([1.0, 0.0, 0.0]) @ plane.axes[:, 2]
+    cosine = placed.rotation.apply(plane.axes[:, 2], inverse=True)[:, 2]
+    off = np.abs(height - np.median(height))
+    near = (off <= off_plane) & (np.abs(rises) <= np.sin(np.radians(STEEPEST)))
+    near &= np.abs(cosine) >= np.cos(np.radians(STEEPEST))
+    wrong = int((~near).sum())
+    if not wrong or wrong > MANY * len(near) or len(near) - wrong < 2:
+        return np.ones(len(near), np.bool_)
+    first = int(np.argmin(near))
+    logger.warning(
+        "%s: %d of %d poses are off the plane or turned out of it, first by %.1f mm at %.3f s, and taken as unknown",
+        placed.name,
+        wrong,
+        len(near),
+        1e3 * off[first],
+        time[first] * 1e-9,
+    )
+    return near
 
 
 def _check_height(name: str, off: Array, off_plane: float, time: Times | None) -> None:

@@ -1,0 +1,160 @@
+"""Order of times as evidence: a few that are out of order are left out, more are two takes, a set clock or two senders.
+
+So times are looked at in the order in which they came, before anything is sorted.
+"""
+
+import logging
+from bisect import bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import Flags, Times
+from palpate.errors import FileError
+
+logger = logging.getLogger(__name__)
+
+UNKNOWN = np.iinfo(np.int64).min
+"""Stands for a time that is not known, such as NaN."""
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Limits of what is found here."""
+
+    longest_run: int = 3
+    """Times in a row that may be out of order: a clock that was set leaves more."""
+    few: float = 0.02
+    """Share of times that may be wrong and cost only themselves."""
+    farthest_offset: int = 10**9
+    """[ns] Largest difference of a stamp from the others of its stream, each against its time of recording."""
+    clock_step: float = 0.1
+    """[s] Step of a clock that is told; delays of messages vary by less."""
+    block: int = 10
+    """Messages of which the one that was least late tells the clock."""
+
+
+_LIMITS = _Limits()
+
+
+def are_few(count: int, total: int) -> bool:
+    """Return true if so many wrong values of all cost only themselves."""
+    return count <= max(1, _LIMITS.few * total)
+
+
+def in_order(name: str, time: Times, advice: str = "", is_strict: bool = False) -> Flags:
+    """Return flags (N,) of times [ns], in the order in which they came, without the few that are out of order.
+
+    A warning counts those that are left out. `is_strict` leaves out those equal to the one before, too. Raises
+    FileError, with the advice, if there are more than a few.
+    """
+    good = time != UNKNOWN
+    kept = good.copy()
+    kept[good] = _longest_rise(time[good])
+    if is_strict:
+        index = np.flatnonzero(kept)
+        kept[index[1:][np.diff(time[index]) == 0]] = False
+    wrong = good & ~kept
+    edges = np.flatnonzero(np.diff(np.r_[0, wrong[good].astype(np.int8), 0]))
+    longest = int(np.diff(edges)[::2].max()) if len(edges) else 0
+    if wrong.any() and not (are_few(int(wrong.sum()), len(time)) and longest <= _LIMITS.longest_run):
+        raise FileError(f"{name}: {_steps_back(time[good])}; allowed is a time after the one before{advice}")
+    left_out = ~kept
+    if left_out.any():
+        first = int(np.argmax(left_out))
+        what = "unknown" if time[first] == UNKNOWN else f"{time[first] * 1e-9:.3f} s"
+        words = "%s: %d of %d times are unknown or out of order and left out, the first is number %d, %s"
+        logger.warning(words, name, left_out.sum(), len(time), first, what)
+    return kept
+
+
+def _longest_rise(time: Times) -> Flags:
+    """Return flags (N,) of a longest part of times that never goes back."""
+    if not (np.diff(time) < 0).any():
+        return np.ones(len(time), np.bool_)
+    values = time.tolist()
+    tails: list[int] = []  # least last value of a rise of each length
+    ends: list[int] = []  # its number
+    before: list[int] = []
+    for number, value in enumerate(values):
+        length = bisect_right(tails, value)
+        before.append(ends[length - 1] if length else -1)
+        tails[length : length + 1] = [value]
+        ends[length : length + 1] = [number]
+    kept = np.zeros(len(values), np.bool_)
+    number = ends[-1]
+    while number >= 0:
+        kept[number] = True
+        number = before[number]
+    return kept
+
+
+def _steps_back(time: Times) -> str:
+    """Return words on the places where times (N,) [ns] go back or repeat."""
+    steps = np.diff(time)
+    count = int((steps <= 0).sum())
+    largest = int(np.argmin(steps))
+    places = "once" if count == 1 else f"{count} times, the most"
+    if count == len(steps):
+        places = "always, the most"
+    ask = "are these two takes, or was a clock set?" if count <= 3 else "do two senders write them?"
+    return (
+        f"times go back {places} by {-steps[largest] * 1e-9:.3g} s, from {time[largest] * 1e-9:.3f} s to "
+        f"{time[largest + 1] * 1e-9:.3f} s at number {largest + 1}: {ask}"
+    )
+
+
+def stamped_in_order(name: str, stamp: Times, log_time: Times, is_header: bool) -> NDArray[np.intp]:
+    """Return the numbers of messages whose times are believed, in the order in which they were recorded.
+
+    Their times are the stamps (N,) [ns] of their headers, or else the times of recording (N,) [ns]. Stamps of 0, and a
+    few that are far off the others, are left out with a warning. A warning tells of stamps that step forward against
+    the times of recording. Raises FileError if times go back.
+    """
+    order = np.argsort(log_time, kind="stable")
+    if not is_header:
+        return order
+    is_recorded = bool(np.ptp(log_time))
+    stamp = stamp[order]
+    offset = stamp - log_time[order]
+    good = believed(stamp, log_time[order])
+    if not good.all():
+        first = int(np.argmin(good))
+        words = "%s: %d of %d header stamps are 0 or far off the others and left out, the first is %.3f s"
+        logger.warning(words, name, (~good).sum(), len(stamp), stamp[first] * 1e-9)
+    kept = np.flatnonzero(good)
+    advice = "; --clock log takes the times of recording" if is_recorded else ""
+    kept = kept[in_order(f"{name}: header stamps", stamp[kept], advice)]
+    if is_recorded:
+        _warn_of_a_step(name, stamp[kept], offset[kept])
+    return order[kept]
+
+
+def believed(stamp: Times, log_time: Times) -> Flags:
+    """Return flags (N,) of header stamps [ns] that are neither 0, but at the start of a clock, nor far off the others.
+
+    Each is compared with its time of recording [ns], unless these are all equal. More than a few that are far off stay.
+    """
+    good = (stamp != 0) | (log_time <= _LIMITS.farthest_offset)
+    if not good.any() or not np.ptp(log_time):
+        return good
+    offset = stamp - log_time
+    is_far = good & (np.abs(offset - np.median(offset[good])) > _LIMITS.farthest_offset)
+    return good & ~is_far if are_few(int(is_far.sum()), len(stamp)) else good
+
+
+def _warn_of_a_step(name: str, stamp: Times, offset: Times) -> None:
+    """Warn if the clock of stamps (N,) [ns] was set, by their offsets (N,) [ns] from the times of recording.
+
+    Of a few messages the one that was least late tells the clock.
+    """
+    count = len(offset) // _LIMITS.block
+    if count < 4:
+        return
+    clock = 1e-9 * offset[: count * _LIMITS.block].reshape(count, _LIMITS.block).max(axis=1)
+    place = int(np.argmax(np.abs(np.diff(clock)))) + 1
+    step = float(np.median(clock[place:]) - np.median(clock[:place]))
+    if abs(step) > _LIMITS.clock_step and abs(clock[place] - clock[place - 1]) > 0.8 * abs(step):
+        words = "%s: header stamps step by %+.3f s against the times of recording at %.3f s: was a clock set?"
+        logger.warning(words, name, step, stamp[place * _LIMITS.block] * 1e-9)
