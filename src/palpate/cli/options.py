@@ -12,11 +12,13 @@ from typing import Annotated, Any, TypeAlias
 import tyro
 
 import palpate
+from palpate.cli.quantities import ANGLE, LENGTH, PURE, TIME, quantities
 from palpate.errors import SettingError
 from palpate.types.choices import (
     DEFAULT_NOISE,
     DEFAULT_SENSOR,
     BagChoices,
+    Normal,
     SmootherName,
     TactileChoice,
     TrackerChoices,
@@ -57,12 +59,18 @@ Orientation: TypeAlias = Annotated[
 class Start:
     """The object's pose at the start. By default the recording's own, else its first ground truth."""
 
-    first_pose: Annotated[Numbers | None, arg("X Y THETA", "from the recording")] = None
-    """Object pose in the world [m, m, rad]."""
-    first_pose_sigma: Annotated[Numbers | None, arg("SX SY STHETA", "from the recording, else the noise settings")] = (
-        None
-    )
-    """Its standard deviations [m, m, rad]. With large ones, touch finds the object."""
+    first_pose: Annotated[
+        Numbers | None,
+        quantities("--first-pose", "X Y THETA", LENGTH, LENGTH, ANGLE),
+        arg("X Y THETA", "from the recording"),
+    ] = None
+    """Object pose in the world [m, m, rad], or with units, as 120mm 0 17deg."""
+    first_pose_sigma: Annotated[
+        Numbers | None,
+        quantities("--first-pose-sigma", "SX SY STHETA", LENGTH, LENGTH, ANGLE),
+        arg("SX SY STHETA", "from the recording, else the noise settings"),
+    ] = None
+    """Its standard deviations [m, m, rad], or with units. With large ones, touch finds the object."""
     first_pose_unknown: bool = False
     """The pose is unknown: within 1 m of the world's origin, at any yaw. Touch finds the object."""
 
@@ -126,6 +134,35 @@ class Estimator:
 
 
 @dataclass(frozen=True)
+class BagOptions(BagChoices):
+    """Settings for reading a bag, as options; their texts are those of BagChoices."""
+
+    orientation: Annotated[str, arg("WORDS", "as they come")] = ""
+    sensor_T_gel: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        quantities("--sensor-T-gel", "X Y Z QX QY QZ QW", LENGTH, LENGTH, LENGTH, PURE, PURE, PURE, PURE),
+        arg(
+            "X Y Z QX QY QZ QW",
+            "they are poses of the gel",
+            help="Pose of the gel in the frame of the sensor's poses, such as that of a flange [m, quaternion].",
+        ),
+    ] = None
+    time_offset: Annotated[float, quantities("--time-offset", "S", TIME), arg("S", "0")] = 0.0
+    plane: Annotated[
+        Normal, quantities("--plane", "X Y Z|fit", PURE, PURE, PURE, word="fit"), arg("X Y Z|fit", "0 0 1")
+    ] = (
+        0.0,
+        0.0,
+        1.0,
+    )
+    off_plane: Annotated[float, quantities("--off-plane", "M", LENGTH), arg("M", "10mm")] = 0.01
+    images: Annotated[str | None, arg("TOPIC|DIR", "the only one")] = None
+    image_times: Annotated[Path | None, arg("TABLE", "none; images are in the bag")] = None
+    sensor_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "the only one")] = None
+    object_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "none")] = None
+
+
+@dataclass(frozen=True)
 class Bag:
     """The object and the topics, for bags of ROS messages."""
 
@@ -141,7 +178,7 @@ class Bag:
     shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None
     """Unit of the numbers in --shape."""
     sensor: Sensor = DEFAULT_SENSOR
-    choices: BagChoices = field(default_factory=BagChoices)
+    choices: Annotated[BagOptions, tyro.conf.arg(name="")] = field(default_factory=BagOptions)
 
     def read(self, file: Path) -> "palpate.BagReading":
         """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
@@ -150,7 +187,7 @@ class Bag:
         from palpate.types.space import flat
 
         orientation = self.choices.orientation
-        if self.shape is None and self != Bag(choices=BagChoices(orientation)):
+        if self.shape is None and self != Bag(choices=BagOptions(orientation)):
             raise SettingError("--sensor, --images and the other options for bags need --shape, too")
         if self.shape is None:
             return palpate.BagReading(palpate.load_recording(file, orientation), flat())

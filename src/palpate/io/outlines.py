@@ -18,6 +18,7 @@ from palpate.checks import FARTHEST, METRES, are_in_range
 from palpate.errors import FileError, SettingError, ShapeError, one_line
 from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows, unpacked
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
+from palpate.hints import install_command
 from palpate.types.choices import Unit
 
 logger = logging.getLogger(__name__)
@@ -34,7 +35,7 @@ def load_shape(source: str | Path, unit: Unit | None = None) -> Shape:
     """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
 
     Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
-    SVG and DXF (`pip install palpate[outlines]`). `unit` is that of the numbers, by default metres, or the drawing's
+    SVG and DXF (`pip install 'palpate[outlines]'`). `unit` is that of the numbers, by default metres, or the drawing's
     own. Points keep their places in the object frame; an SVG, whose origin is a corner of the page, is put about its
     centroid, y up.
 
@@ -350,7 +351,7 @@ def _seen_entities(entities: Iterable[Any], layers: Any, outer: str = "0") -> It
 def _check_drawing(path: Path, library: str) -> None:
     """Raise FileError unless the library is installed and the file small enough for it."""
     if find_spec(library) is None:
-        raise FileError(f"drawings are read by {library}, which is not installed: pip install palpate[outlines]")
+        raise FileError(f"drawings are read by {library}, which is not installed: {install_command('outlines')}")
     size = path.stat().st_size
     if size > 5_000_000:  # the libraries take a thousand times the memory
         raise FileError(f"is a drawing of {size / 1e6:.0f} MB, allowed are 5; a single outline needs far less")
