@@ -74,14 +74,15 @@ def test_workers_run_after_opencv_used_threads():
 
 def test_workers_end_with_a_process_that_is_killed():
     code = "import time; from palpate_lab.parallel import spread; list(spread(time.sleep, [60.0] * 2, workers=2))"
-    parent = psutil.Process(subprocess.Popen([sys.executable, "-c", code]).pid)
+    process = subprocess.Popen([sys.executable, "-c", code])
+    parent = psutil.Process(process.pid)
     workers: list[psutil.Process] = []
     while len(workers) < 2:
         time.sleep(0.05)
         workers = parent.children()
     time.sleep(0.5)  # until they have begun
-    parent.kill()
-    parent.wait()
+    process.kill()
+    process.wait()
     assert psutil.wait_procs(workers, timeout=20)[1] == []
 
 

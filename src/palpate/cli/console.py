@@ -56,7 +56,7 @@ class Report:
         for key, value in (self.data if self.shown is None else self.shown).items():
             rows = dict(enumerate(value)) if isinstance(value, list) else value
             if not (isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())):
-                if cell(value) != "-":
+                if value is not None and value != "":
                     values.append([key, cell(value)])
                 continue
             columns = list(dict.fromkeys(name for row in rows.values() for name in row))
@@ -67,11 +67,11 @@ class Report:
 
 
 def cell(value: Any) -> str:
-    """Return a value for a table: numbers with three digits, a dash for None."""
+    """Return a value for a table: numbers with three digits, a dash for None, none for an empty list."""
     if isinstance(value, dict):
-        return ", ".join(f"{name} {cell(item)}" for name, item in value.items()) or "-"
+        return ", ".join(f"{name} {cell(item)}" for name, item in value.items()) or "none"
     if isinstance(value, list | tuple):
-        return f"{len(value)}" if len(value) > 20 else ", ".join(map(cell, value)) or "-"
+        return f"{len(value)}" if len(value) > 20 else ", ".join(map(cell, value)) or "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):

@@ -13,7 +13,7 @@ import tyro
 
 import palpate
 from palpate.cli.quantities import ANGLE, LENGTH, PURE, TIME, quantities
-from palpate.errors import SettingError
+from palpate.errors import PalpateError, SettingError
 from palpate.types.choices import (
     DEFAULT_NOISE,
     DEFAULT_SENSOR,
@@ -187,6 +187,8 @@ class Bag:
         from palpate.types.space import flat
 
         orientation = self.choices.orientation
+        if self.shape is None and detect_format(file) == "bag":
+            raise SettingError(self._missing(file))
         if self.shape is None and self != Bag(choices=BagOptions(orientation)):
             raise SettingError("--sensor, --images and the other options for bags need --shape, too")
         if self.shape is None:
@@ -198,6 +200,17 @@ class Bag:
             raise SettingError(f"--shape {self.shape}: {file} is no bag, so the object's outline is in the file")
         shape = palpate.load_shape(self.shape, self.shape_unit)
         return palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
+
+    def _missing(self, file: Path) -> str:
+        """Return a sentence on all that a bag needs which is not given: the object, and topics of several."""
+        from palpate.types.sensor import known_sensor
+
+        needs = f"{file}: is a bag, which needs --shape NAME|FILE and, unless --object-poses has them, --first-pose"
+        try:
+            palpate.read_bag(file, palpate.Disc(0.05), self.choices, known_sensor(self.sensor))
+        except PalpateError as error:
+            return f"{needs}; it also {str(error).removeprefix(f'{file}: ')}"
+        return needs
 
 
 @dataclass(frozen=True)
