@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 
 import pytest
@@ -78,7 +78,7 @@ def test_verbose_says_what_it_does(caplog, run_palpate):
 
 def test_where_there_is_no_terminal_a_line_comes_now_and_then(run_palpate, monkeypatch):
     assert run_palpate("track", "push.mcap")[2] == ""  # it takes less than a minute
-    monkeypatch.setattr("palpate.cli.console.LINE_EVERY", 0.0)
+    monkeypatch.setattr("palpate.cli.console.monotonic", count(0.0, 61.0).__next__)
     err = run_palpate("track", "push.mcap", "--force")[2]
     assert "push.mcap: 40 of 40" in err
 

@@ -7,6 +7,7 @@ nothing of it.
 
 import difflib
 import inspect
+import shutil
 import textwrap
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
@@ -22,8 +23,6 @@ Command: TypeAlias = Callable[..., Report | int]
 """A command returns its result, or an exit code if it has printed all itself."""
 
 GROUP = "palpate.commands"
-HELP_WIDTH = 110
-"""Columns of the help of all commands."""
 OWN: dict[str, Command] = {
     "info": info,
     "track": track,
@@ -85,14 +84,15 @@ def help_text(description: str) -> str:
     summaries = {name: _first_line(command) for name, command in installed_commands().items()}
     others = [name for name in summaries if name not in ORDER]
     width = max(map(len, summaries)) + 2
-    lines = ["usage: palpate COMMAND [OPTIONS]", "", *textwrap.wrap(description, HELP_WIDTH)]
+    columns = min(shutil.get_terminal_size().columns, 110)
+    lines = ["usage: palpate COMMAND [OPTIONS]", "", *textwrap.wrap(description, columns)]
     for title, names in GROUPS.items():
         shown = [*names, *others] if title == "Set up" else names
         lines += ["", title]
         for name in shown:
             if name in summaries:
                 text = f"  {name.ljust(width)}{summaries[name]}"
-                lines += textwrap.wrap(text, HELP_WIDTH, subsequent_indent=" " * (width + 2))
+                lines += textwrap.wrap(text, columns, subsequent_indent=" " * (width + 2))
     lines += ["", f"{own_command()} COMMAND --help lists the options of a command."]
     return "\n".join(lines)
 

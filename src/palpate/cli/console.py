@@ -3,18 +3,14 @@
 import json
 import logging
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from time import monotonic
 from typing import Any
 
 from palpate.errors import printable
 
-MOST_ROWS = 20
-"""Rows of a table, unless all are asked for."""
-LINE_EVERY = 60.0
-"""Time between lines of progress where there is no terminal [s]."""
 progress_log = logging.getLogger("palpate.progress")
 """Enabled for INFO unless a command is to be quiet."""
 
@@ -43,7 +39,7 @@ class Report:
         if self.lines and not show_all:
             print(*map(printable, (*self.lines, *self.notes)), sep="\n")
             return
-        for title, rows in self._tables(sys.maxsize if show_all else MOST_ROWS).items():
+        for title, rows in self._tables(sys.maxsize if show_all else 20).items():
             widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
             lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
             print("", printable(title), *map(printable, lines), sep="\n")
@@ -107,13 +103,13 @@ def progress_bar(title: str, total: int | None = None) -> Iterator[Callable[...,
 
 def _line_a_minute(title: str, total: int | None) -> Callable[..., None]:
     """Return a function that prints a line with the number done, at most once a minute."""
-    begin = time.monotonic()
+    begin = monotonic()
     last = begin
 
     def show(done: int, note: str = "") -> None:
         nonlocal last
-        now = time.monotonic()
-        if now - last < LINE_EVERY:
+        now = monotonic()
+        if now - last < 60.0:  # [s]
             return
         last = now
         count = f"{done} of {total}" if total else f"{done}"

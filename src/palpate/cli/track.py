@@ -139,7 +139,7 @@ def _runs_report(outcomes: Sequence[Outcome]) -> Report:
         "failed": len(failed),
         "runs": {folder: run_row(summary) for folder, summary in runs.items()},
     }
-    return Report("runs", data, shown, code=3 if failed else 0)
+    return Report("recordings", data, shown, code=3 if failed else 0)
 
 
 def warm_up() -> Report:

@@ -11,10 +11,6 @@ from typing import Any
 from palpate.pipeline.metrics import CONTENT, pose_words
 
 FIGURE = "figure.png"
-WIDTH = 160
-"""Length of a line."""
-MOST_DOUBTS = 2
-"""Statuses other than good ones that have a line of their own; the rest share the last of them."""
 TOUCH = {
     "none": "contact only",
     "learnt": "touch by the model of the images",
@@ -60,23 +56,23 @@ def run_lines(name: str, summary: Mapping[str, Any], folder: Path) -> list[str]:
     return [f"{title.ljust(width)}{text}" for title, text in lines.items()]
 
 
-def _status_lines(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Return a line with the shares of good statuses, and lines with the reasons of others, the most frequent first."""
+def _status_lines(summary: Mapping[str, Any], most: int = 2) -> dict[str, str]:
+    """Return a line with the shares of good statuses, and lines with the reasons of at most some others."""
     frames = summary["frames"]
     counts = sorted(summary["statuses"].items(), key=lambda item: -item[1])
     reasons = summary.get("reasons", {})
     good = [f"{word} {count / frames:.0%}" for word, count in counts if word in CONTENT]
     doubts = [(word, count) for word, count in counts if word not in CONTENT]
     lines = {"good": ", ".join(good) or "0%"}
-    for word, count in doubts[:MOST_DOUBTS]:
+    for word, count in doubts[:most]:
         lines[word] = f"{count / frames:.0%}: {_short(reasons.get(word, ''))}".rstrip(": ")
-    if doubts[MOST_DOUBTS:]:
-        lines["others"] = ", ".join(f"{word} {count / frames:.0%}" for word, count in doubts[MOST_DOUBTS:])
+    if doubts[most:]:
+        lines["others"] = ", ".join(f"{word} {count / frames:.0%}" for word, count in doubts[most:])
     return lines
 
 
 def _short(sentence: str) -> str:
-    return textwrap.shorten(sentence, WIDTH, placeholder=" ...")
+    return textwrap.shorten(sentence, 160, placeholder=" ...")
 
 
 def run_row(summary: Mapping[str, Any]) -> dict[str, Any]:

@@ -38,14 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TEMPLATE = Path(__file__).with_name("page.html")
-MOST_FRAMES = 1500
-"""Frames of a page; longer runs are thinned."""
-MOST_IMAGES = 300
-"""Touch images of a page."""
-IMAGE_HEIGHT = 220
-"""Height of touch images [px]."""
-DPI = 200
-"""Pixels of the drawings per inch; a screen shows half as many."""
 
 
 def write_page(run: Run, path: Path) -> None:
@@ -64,9 +56,7 @@ def write_page(run: Run, path: Path) -> None:
 def content(run: Run) -> dict[str, Any]:
     """Return what the page shows: drawings, touch images, and all that moves, in mm, rad and s since the start."""
     online = run.online
-    frames = np.arange(0, len(online), -(-len(online) // MOST_FRAMES))
-    if frames[-1] != len(online) - 1:
-        frames = np.append(frames, len(online) - 1)
+    frames = _shown_frames(len(online))
     pose = online.pose[frames]
     ellipses = ellipses_95(pose, online.covariance[frames])
     quarter = ellipses.shape[1] // 4
@@ -109,7 +99,7 @@ def table(scores: Mapping[str, Mapping[str, float | None]]) -> str:
 
 def _poses(poses: Array) -> list[Any]:
     """Return poses (N, 3) [m, m, rad] in mm and rad, None for unknown ones."""
-    rounded = np.round(poses.reshape(-1, 3) * (1e3, 1e3, 1.0), (4)).tolist()
+    rounded = np.round(poses.reshape(-1, 3) * (1e3, 1e3, 1.0), 4).tolist()
     return [pose if np.isfinite(pose).all() else None for pose in rounded]
 
 
@@ -117,7 +107,7 @@ def _above(run: Run) -> "tuple[Figure, Axes, Axes]":
     """Return the paths from above, with room for the object and the sensor, and the axes that bound the picture."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.6, 4.9), dpi=DPI)
+    figure = Figure(figsize=(4.6, 4.9), dpi=200)  # a screen shows half as many pixels
     axes = figure.add_axes((0.15, 0.22, 0.83, 0.76))
     draw_from_above(axes, run)
     for artist in draw_moment(axes, run, len(run.online) - 1):
@@ -130,7 +120,7 @@ def _over_time(run: Run) -> "tuple[Figure, Axes, Axes]":
     """Return errors and status over time, and the first and the last of their axes."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.6, 4.9), dpi=DPI)
+    figure = Figure(figsize=(4.6, 4.9), dpi=200)  # a screen shows half as many pixels
     grid: Any = {"height_ratios": (3.0, 3.0, 0.4), "left": 0.15, "right": 0.98, "bottom": 0.25, "top": 0.98}
     translation, rotation, status = figure.subplots(3, sharex=True, gridspec_kw={**grid, "hspace": 0.1})
     draw_errors(translation, rotation, run)
@@ -149,7 +139,7 @@ def _picture(figure: "Figure", first: "Axes", last: "Axes") -> dict[str, Any]:
 
     FigureCanvasAgg(figure).draw()  # fixes the limits
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=DPI)
+    figure.savefig(data, format="png", dpi=figure.dpi)
     width, height = figure.bbox.size
     top_box = first.get_window_extent()
     bottom_box = last.get_window_extent()
@@ -161,20 +151,26 @@ def _picture(figure: "Figure", first: "Axes", last: "Axes") -> dict[str, Any]:
     }
 
 
-def _touch_images(run: Run, frames: "np.typing.NDArray[np.int_]") -> list[tuple[int, str]]:
-    """Return small touch images, each with its place among the frames; damaged ones are left out."""
+def _shown_frames(count: int, most: int = 1500) -> "np.typing.NDArray[np.int_]":
+    """Return the frames that the page shows: all, or some of a long run at equal steps, and the last."""
+    return np.unique(np.append(np.arange(0, count, -(-count // most)), count - 1))
+
+
+def _touch_images(
+    run: Run, frames: "np.typing.NDArray[np.int_]", most: int = 300, height: int = 220
+) -> list[tuple[int, str]]:
+    """Return touch images of a height [px], each with its place among the frames; damaged ones are left out."""
     import cv2
 
     images: list[tuple[int, str]] = []
     if run.recording.image is None:
         return images
-    for place in range(0, len(frames), -(-len(frames) // MOST_IMAGES)):
+    for place in range(0, len(frames), -(-len(frames) // most)):
         with suppress(FileError):  # of a damaged image
             image = run.recording[int(frames[place])].image
             if image is None:
                 continue
-            height, width = image.shape[:2]
-            size = (max(round(width * IMAGE_HEIGHT / height), 1), IMAGE_HEIGHT)
+            size = (max(round(image.shape[1] * height / image.shape[0]), 1), height)
             small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
             coded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
             images.append((place, _uri("jpeg", coded.tobytes())))

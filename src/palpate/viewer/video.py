@@ -17,8 +17,6 @@ from palpate.types.estimate import Answer, count_origins
 SUFFIXES = (".mp4", ".gif")
 RATE = 10.0
 """Pictures in a second of a video."""
-MOST_PICTURES = 1000
-"""Pictures of a video; a longer run plays faster than it was."""
 
 
 def check_video(path: Path) -> None:
@@ -36,10 +34,10 @@ def write_video(run: Run, path: Path, kind: str, progress: Callable[[int], None]
         _write_mp4(drawn, path)
 
 
-def video_frames(run: Run) -> list[int]:
-    """Return the frames that a video shows: at its rate, and the last one."""
+def video_frames(run: Run, most: int = 1000) -> list[int]:
+    """Return the frames that a video shows: at its rate, and the last one; fewer of a long run, which plays faster."""
     time = run.online.time
-    count = min(max(round((time[-1] - time[0]) * RATE), 1) + 1, MOST_PICTURES)
+    count = min(max(round((time[-1] - time[0]) * RATE), 1) + 1, most)
     instants = np.linspace(time[0], time[-1], count)
     return np.searchsorted(time, instants).clip(0, len(time) - 1).tolist()
 
