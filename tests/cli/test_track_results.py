@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 from view_samples import imaged_push
 
 import palpate
@@ -49,10 +49,7 @@ def test_a_video_shows_the_push(succeeds, fails, name, monkeypatch):
     succeeds("track", "seen.mcap", "--video", name)
     if name.endswith("gif"):
         with Image.open(name) as animation:
-            pictures = []
-            for place in range(animation.n_frames):
-                animation.seek(place)
-                pictures.append(np.array(animation.convert("RGB")))
+            pictures = [np.array(picture.convert("RGB")) for picture in ImageSequence.Iterator(animation)]
     else:
         video = cv2.VideoCapture(name)
         pictures = []

@@ -112,7 +112,7 @@ def train(
         descent = settings.descent(settings.touch if base is None else settings.fine)
         with bar("touch", descent.steps) as progress:
             learn(network, learned, held_out, sensor, settings, descent, work, progress)
-        with bar("judging"):
+        with bar("judging", 1):
             spread = measure_spread(errors_of(network, held_out))
             scores = judge(errors_of(network, judged), spread)
         results = {
