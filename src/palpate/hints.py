@@ -13,7 +13,7 @@ LABORATORY = "palpate-lab"
 
 
 def own_command() -> str:
-    """Return how palpate is run here: palpate, the script that runs, or python -m palpate."""
+    """Return the command that runs palpate here: palpate, the script that runs, or python -m palpate."""
     if shutil.which("palpate"):
         return "palpate"
     script = Path(sys.argv[0])

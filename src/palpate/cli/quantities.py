@@ -40,7 +40,7 @@ def quantity(word: str, units: Units) -> float:
 def quantities(
     option: str, metavar: str, *kinds: Units, word: str | None = None
 ) -> "PrimitiveConstructorSpec[tuple[float, ...] | float | str]":
-    """Return how tyro reads an option of numbers with units: one number, or a tuple of several.
+    """Return the reader of an option of numbers with units: one number, or a tuple of several.
 
     `word` is allowed in the place of all numbers.
     """

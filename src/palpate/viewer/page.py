@@ -54,7 +54,7 @@ def write_page(run: Run, path: Path) -> None:
 
 
 def content(run: Run) -> dict[str, Any]:
-    """Return what the page shows: drawings, touch images, and all that moves, in mm, rad and s since the start."""
+    """Return the content of the page: drawings, touch images, and all that moves, in mm, rad and s since the start."""
     online = run.online
     frames = _shown_frames(len(online))
     pose = online.pose[frames]
