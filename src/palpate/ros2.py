@@ -1,6 +1,6 @@
 """palpate as a ROS 2 node: a live session whose sources and results are topics. rclpy comes with ROS 2.
 
-`python -m palpate.ros2 --ros-args -p shape:=NAME -p first_pose:='[x, y, theta]' -r image:=/digit/image_raw ...`
+`palpate ros2 --ros-args -p shape:=NAME -p first_pose:='[x, y, theta]' -r image:=/digit/image_raw ...`
 """
 
 import os
@@ -41,8 +41,37 @@ TOPICS = {
 """Topics that the node publishes, with their types."""
 
 
+USAGE = """usage: palpate ros2 [--ros-args [-p NAME:=VALUE ...] [-r FROM:=TO ...]]
+
+Tracks an object as a ROS 2 node until Ctrl-C. It needs rclpy, which comes with ROS 2.
+
+Example: palpate ros2 --ros-args -p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]' -r image:=/digit/image_raw
+
+Topics to remap
+  image        touch images: sensor_msgs Image or CompressedImage
+  sensor_pose  poses of the sensor: PoseStamped and others
+
+Parameters
+  shape             the object: a name, the sides of a rectangle such as 0.09x0.06 [m], or a file; needed
+  first_pose        its pose at the start, [x, y, theta] in m, m, rad; needed
+  first_pose_sigma  its standard deviations
+  calibration       file of palpate calibrate
+  tactile           learnt or none
+  orientation       steps to make images upright
+  sensor_T_gel      pose of the gel in the frame of the sensor's poses, [x, y, z, qx, qy, qz, qw]
+  time_offset       added to the times of the images [s]
+  plane             normal of the plane of the push, [x, y, z]
+
+Topics that it publishes, below its own name
+  object_pose, object_pose_with_covariance, diagnostics
+"""
+
+
 def main(arguments: Sequence[str]) -> int:
-    """Run the node until Ctrl-C and return its exit code."""
+    """Run the node until Ctrl-C and return its exit code; with --help, print how to run it."""
+    if {"-h", "--help"} & set(arguments):
+        sys.stdout.write(USAGE)
+        return 0
     try:
         with ros_node(arguments) as node, stop_on_signals() as stop:
             run(node, stop)

@@ -68,6 +68,43 @@ def test_a_study_writes_tables(evaluate):
     assert [each["recording"] for each in rows()] == ["disc-1.mcap", "disc-1.mcap", "edges-1.mcap", "edges-1.mcap"]
 
 
+def test_the_worst_trials_are_drawn(evaluate):
+    code, out, err = evaluate("recordings", "--out", "out", *FAST, "--worst", "2")
+    assert (code, err) == (0, "")
+    worst = sorted(rows(), key=lambda row: -float(row["final_translation_error_mm"]))[:2]
+    drawn = sorted(path.name for path in Path("out/worst").iterdir())
+    assert drawn == [f"0{rank}-{row['recording']}-{row['tactile']}.png" for rank, row in enumerate(worst, 1)]
+    assert Path("out/worst", drawn[0]).read_bytes().startswith(b"\x89PNG") and drawn[1] in out
+
+
+def test_recordings_without_truth_have_status_and_sigma(evaluate):
+    for name in ("disc-1", "edges-1"):
+        blind = replace(pushed(20), object_pose=None, first_pose=np.zeros(3), first_pose_sigma=np.full(3, 0.01))
+        write(f"recordings/{name}.mcap", blind)
+    code, out, _ = evaluate("recordings", "--out", "out", "--tactile", "none")
+    assert code == 0 and "final_sigma_mm" in out and "final_mm" not in out
+    assert {row["final_status"] for row in rows()} and all(float(row["final_sigma_x"]) > 0.0 for row in rows())
+
+
+def test_two_studies_are_compared_pair_by_pair(evaluate, run_palpate, fails):
+    assert evaluate("recordings", "--out", "a", "--tactile", "none")[0] == 0
+    assert evaluate("recordings", "--out", "b", "--tactile", "oracle")[0] == 0
+    code, out, err = run_palpate("compare", "a", "b", "--json")
+    found = json.loads(out)
+    assert (code, err, found["pairs"]) == (0, "", 2)
+    key = "final_translation_error_mm"
+    one, other = ([float(row[key]) for row in rows(folder)] for folder in ("a", "b"))
+    difference = np.subtract(other, one)
+    row = found["scores"][key]
+    assert row["difference"] == pytest.approx(difference.mean())
+    half = 12.706 * difference.std(ddof=1) / np.sqrt(2.0)  # Student's t of one degree of freedom
+    assert (row["low"], row["high"]) == pytest.approx((difference.mean() - half, difference.mean() + half), rel=1e-4)
+    assert row["better"] == (difference < 0.0).sum() and row["worse"] == (difference > 0.0).sum()
+    Path("empty").mkdir()
+    assert "empty: holds no runs" in fails("compare", "a", "empty")
+    assert "no such folder" in fails("compare", "a", "nowhere")
+
+
 def test_a_sequence_of_the_study_is_what_palpate_track_finds(evaluate, run_palpate):
     assert evaluate("recordings", "--out", "out", *FAST)[0] == 0
     code, out, _ = run_palpate("track", "recordings/edges-1.mcap", "--tactile", "oracle", "--json")

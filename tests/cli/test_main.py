@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from itertools import count, pairwise
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ import palpate
 
 COMMANDS = (
     *("demo", "info", "track", "live", "convert", "simulate", "calibrate", "train", "evaluate", "tune"),
-    *("truth-print", "truth-camera", "truth"),
+    *("truth-print", "truth-camera", "truth", "compare", "ros2"),
 )
 HEAVY = (
     *("numpy", "scipy", "shapely", "cv2", "mcap", "rosbags", "gtsam", "matplotlib", "mujoco"),
@@ -37,6 +38,64 @@ def test_help_is_quick_and_loads_nothing_heavy():
     code = f"import sys\n{helped}\nprint([m for m in {HEAVY} if m in sys.modules], file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]" and all(command in done.stdout for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_shows_nothing_of_its_code(run_palpate, command):
+    out = run_palpate(command, "--help")[1]
+    for word in ("bag.choices", "{None", "None|", "NoneType", "[bold", "{FLOAT", "STR}"):
+        assert word not in out, word
+
+
+def test_the_help_has_four_groups_and_each_command_once(run_palpate):
+    lines = run_palpate("--help")[1].splitlines()
+    titles = [line for before, line in pairwise(lines) if not before and line and line[0].isupper()]
+    assert len(titles) >= 4 and all(sum(line.startswith(f"  {name} ") for line in lines) == 1 for name in COMMANDS)
+
+
+def test_the_node_explains_itself_without_ros(run_palpate, fails, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    code, out, err = run_palpate("ros2", "--help")
+    assert (code, err) == (0, "") and "first_pose_sigma" in out
+    assert "rclpy" in fails("ros2", "--ros-args", "-p", "shape:=disc")
+
+
+def test_completion_is_printed(run_palpate):
+    code, out, _ = run_palpate("--tyro-print-completion", "bash")
+    assert code == 0 and "complete" in out
+
+
+def test_a_command_that_is_quiet_prints_errors_only(run_palpate, fails):
+    assert run_palpate("track", "push.mcap", "--quiet") == (0, "", "")
+    assert "already exists" in fails("track", "push.mcap", "--quiet")
+    assert json.loads(run_palpate("track", "push.mcap", "--quiet", "--force", "--json")[1])["frames"] == 40
+
+
+def test_verbose_says_what_it_does(caplog, run_palpate):
+    assert run_palpate("track", "push.mcap", "-v")[0] == 0
+    assert "reading push.mcap" in caplog.text and "first pose" in caplog.text
+
+
+def test_where_there_is_no_terminal_a_line_comes_now_and_then(run_palpate, monkeypatch):
+    assert run_palpate("track", "push.mcap")[2] == ""  # it takes less than a minute
+    monkeypatch.setattr("palpate.cli.console.monotonic", count(0.0, 61.0).__next__)
+    err = run_palpate("track", "push.mcap", "--force")[2]
+    assert "push.mcap: 40 of 40" in err
+
+
+def test_hints_are_quoted_and_work_without_palpate_on_the_path(fails, monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    Path("part.dxf").write_text("0\nEOF\n")
+    error = fails("truth-print", "sheets.pdf", "--shape", "part.dxf")
+    assert f"{sys.executable} -m pip install '" in error and "[outlines]'" in error
+
+
+def test_mujoco_of_two_makers_packages_is_named(fails, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    monkeypatch.setattr("palpate_lab.version", {"mujoco": "3.17.0", "mujoco-core": "4.0.1"}.__getitem__)
+    error = fails("demo", "--out", "other")
+    assert "uninstall -y mujoco mujoco-core && " in error and "install 'mujoco-core==4.0.1'" in error
 
 
 def test_the_real_process():
@@ -107,7 +166,7 @@ def test_demo_replaces_its_run_and_names_its_recording(succeeds):
     Path("demo-run").mkdir()
     Path("demo-run/summary.json").write_text("an earlier one")
     out = succeeds("demo")
-    assert "final_translation_error_mm" in out and str(Path("demo-run/figure.png")) in out
+    assert "final error" in out and str(Path("demo-run/figure.png")) in out
     found, settings = (json.loads(Path("demo-run", f"{name}.json").read_text()) for name in ("summary", "settings"))
     assert (found["frames"], found["tactile"]) == (450, "learnt")
     assert palpate.load_recording("demo-run/recording.mcap").source == settings["source"]
@@ -118,5 +177,6 @@ def test_demo_fails_in_one_line(fails, monkeypatch):
     Path("demo-run/notes.txt").write_text("mine")
     assert "not replaced" in fails("demo")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "mujoco, which is not installed: pip install 'palpate-lab[sim]'" in fails("demo", "--out", "other")
+    error = fails("demo", "--out", "other")
+    assert "mujoco, which is not installed: " in error and "pip install '" in error and "[sim]'" in error
     assert not Path("other").exists()

@@ -32,13 +32,12 @@ def words(line: str) -> str:
 
 
 def test_a_run_leaves_a_folder_and_shows_a_table(succeeds):
-    out = succeeds("track", "push.mcap", "--tactile", "oracle")
+    out = succeeds("track", "push.mcap", "--tactile", "oracle", "--all")
     assert {path.name for path in Path("runs/push").iterdir()} == FILES
     summary, settings = read("runs/push/summary.json"), read("runs/push/settings.json")
     lines = [words(line) for line in out.splitlines()]
     assert f"in_95_contact_share {summary['in_95_contact_share']:.3g}" in lines
     assert f"final_translation_error_mm {summary['final_translation_error_mm']:.3g}" in lines
-    assert str(Path("runs/push/figure.png")) in out
     assert (settings["tactile"], settings["smoother"]) == ("oracle", "fixed-lag")
     assert settings["noise"]["contact"]["deviation"] == palpate.NoiseSettings().contact.deviation
     assert settings["first_pose"] == pushed().object_pose[0].tolist()
@@ -62,7 +61,7 @@ def test_json_is_the_summary_and_nothing_else(json_of):
 
 
 def test_the_folder_of_a_run_says_why_it_is_ambiguous(succeeds):
-    out = succeeds("track", "push.mcap", "--first-pose-sigma", "0.02", "0.02", "0.3", "--html")
+    out = succeeds("track", "push.mcap", "--first-pose-sigma", "0.02", "0.02", "0.3", "--html", "--all")
     with Path("runs/push/estimates.csv").open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["status"] == "ambiguous"]
     # The first pose is known roughly, and nobody shoves the object or doubts how images lie.
@@ -83,7 +82,7 @@ def test_options_reach_the_tracker(succeeds):
     assert (settings["noise"]["contact"]["deviation"], settings["hypotheses"]) == (2e-3, 1)
     assert settings["first_pose"] == [0.001, 0.0, -0.5]
     assert settings["first_pose_sigma"] == [0.02, 0.03, 0.2]
-    assert "final_translation_error_mm -" in map(words, out.splitlines())  # there is no truth to score by
+    assert "error" not in out  # there is no truth to score by
 
 
 def test_a_first_pose_that_is_unknown(succeeds, fails):
@@ -96,10 +95,10 @@ def test_a_first_pose_that_is_unknown(succeeds, fails):
 
 
 def test_the_choice_of_touch_is_reported(json_of, succeeds):
-    assert "tactile_reason there are no images" in map(words, succeeds("track", "push.mcap").splitlines())
+    assert "contact only (there are no images)" in succeeds("track", "push.mcap")
     found = json_of("track", "push.mcap", "--force")
     assert (found["tactile"], found["tactile_reason"]) == ("none", "there are no images")
-    assert "tactile_reason" not in succeeds("track", "push.mcap", "--tactile", "none", "--force")
+    assert "there are no images" not in succeeds("track", "push.mcap", "--tactile", "none", "--force")
 
 
 def test_tracking_begins_at_the_first_known_truth():

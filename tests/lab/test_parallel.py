@@ -3,11 +3,13 @@
 import os
 import subprocess
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import psutil
 import pytest
 
 from palpate import SettingError
@@ -68,6 +70,20 @@ def test_workers_run_after_opencv_used_threads():
     said = "from palpate_lab.parallel import spread; print(sorted(spread(abs, [1, -2, 3], 2)))"
     done = subprocess.run([sys.executable, "-c", f"{used}; {said}"], capture_output=True, timeout=60, check=True)
     assert done.stdout == b"[1, 2, 3]\n"
+
+
+def test_workers_end_with_a_process_that_is_killed():
+    code = "import time; from palpate_lab.parallel import spread; list(spread(time.sleep, [60.0] * 2, workers=2))"
+    process = subprocess.Popen([sys.executable, "-c", code])
+    parent = psutil.Process(process.pid)
+    workers: list[psutil.Process] = []
+    while len(workers) < 2:
+        time.sleep(0.05)
+        workers = parent.children()
+    time.sleep(0.5)  # until they have begun
+    process.kill()
+    process.wait()
+    assert psutil.wait_procs(workers, timeout=20)[1] == []
 
 
 def test_workers_that_cannot_start_are_one_sentence(monkeypatch):

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import json
 import os
 import re
 from dataclasses import replace
@@ -13,10 +14,9 @@ import numpy as np
 import pytest
 from PIL import Image
 from recording_samples import BLIND, pushed
-from view_samples import FIRST, FRAMES, LAST, imaged_push
+from view_samples import FRAMES, LAST, imaged_push
 
 import palpate
-from palpate.viewer.page import pictures
 
 
 @pytest.fixture(scope="module")
@@ -32,30 +32,22 @@ def written(folder) -> Path:
     return folder / "page.html"
 
 
-def pictures_in(path: Path) -> list[Image.Image]:
-    coded = re.findall(r'"data:image/webp;base64,(.*?)"', path.read_text(encoding="utf-8"))
-    return [Image.open(io.BytesIO(base64.b64decode(each))) for each in coded]
+def data_in(path: Path) -> Any:
+    return json.loads(re.findall(r"const run = (.*);\n", path.read_text(encoding="utf-8"))[0])
 
 
-def test_it_needs_nothing_else_and_has_a_picture_of_each_frame(written):
+def test_it_needs_nothing_else_and_has_a_pose_and_an_image_of_each_frame(written):
     text = written.read_text(encoding="utf-8")
-    assert "src=" not in text and len(pictures_in(written)) == FRAMES
-    assert "://" not in text  # addresses: "http" alone also occurs in pictures as base64 by chance
-
-
-def test_object_and_touch_image_move_from_picture_to_picture():
+    data = data_in(written)
     run = palpate.track(imaged_push())
-    before, first, last = pictures(run, [2, FIRST + 1, LAST])
-    blue, orange = (0, 114, 178), (222, 119, 51)  # of the estimate; of the sensor, over white
-
-    def middle(picture, colour):
-        columns = np.flatnonzero((np.abs(picture.astype(int) - colour).max(axis=-1) < 12)[:, : picture.shape[1] // 2])
-        return np.median(columns % (picture.shape[1] // 2))
-
-    for colour in (blue, orange):
-        assert middle(first, colour) + 20 < middle(last, colour)
-    right = slice(200, 400), slice(980, None)  # the touch image
-    assert (before[right] != first[right]).any()
+    assert not re.search(r"<\w+[^>]* src=", text) and "://" not in text
+    assert np.array(data["pose"]) == pytest.approx(run.online.pose * (1e3, 1e3, 1.0), abs=1e-3)
+    assert data["status"] == list(run.online.status) and len(data["touch"]) == FRAMES
+    assert [index for index, pose in enumerate(data["truth"]) if pose is None] == [3, 4]
+    before, after = (
+        Image.open(io.BytesIO(base64.b64decode(data["touch"][frame][1].partition(",")[2]))) for frame in (0, LAST)
+    )
+    assert np.mean(np.array(after)) > np.mean(np.array(before)) + 5.0
 
 
 def opened(browser: Any, path: Any, width: int = 1280, mobile: bool = False) -> None:
@@ -64,17 +56,45 @@ def opened(browser: Any, path: Any, width: int = 1280, mobile: bool = False) -> 
     browser.get(path.as_uri())
 
 
-def test_the_slider_shows_another_picture(written, browser):
+SHOWN = "return [Number(document.getElementById('slider').value), document.getElementById('time').textContent]"
+DRAWN = "return [...document.querySelectorAll('canvas')].map(canvas => canvas.toDataURL())"
+
+
+def test_the_slider_shows_another_moment(written, browser):
     opened(browser, written)
-    source = "return document.getElementById('picture').src"
-    at_the_end = browser.execute_script(source)
+    at_the_end = browser.execute_script(DRAWN)
+    assert browser.execute_script(SHOWN) == [FRAMES - 1, "1.63 s"]
     browser.execute_script(
         "const slider = document.getElementById('slider'); slider.value = 30;slider.dispatchEvent(new Event('input'))"
     )
-    assert browser.execute_script(source) != at_the_end
-    assert browser.execute_script("return document.images[0].naturalWidth") == 1150
+    assert browser.execute_script(SHOWN) == [30, "1.00 s"]
+    assert all(new != old for new, old in zip(browser.execute_script(DRAWN), at_the_end, strict=True))
+    assert browser.execute_script("return document.images[0].naturalWidth") == 920
     assert browser.get_log("browser") == []
     assert browser.execute_script("return performance.getEntriesByType('resource').map(e => e.name)") == []
+
+
+def test_it_plays_by_button_and_by_keys(written, browser):
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    opened(browser, written)
+    body = browser.find_element(By.TAG_NAME, "body")
+    play = browser.find_element(By.ID, "play")
+    body.send_keys(Keys.HOME)
+    body.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
+    assert browser.execute_script(SHOWN)[0] == 1
+    body.send_keys(" ")
+    assert play.text == "Pause"
+    WebDriverWait(browser, 20).until(lambda _: browser.execute_script(SHOWN)[0] > 5)
+    body.send_keys(" ")
+    shown = browser.execute_script(SHOWN)[0]
+    assert play.text == "Play" and browser.execute_script(SHOWN)[0] == shown
+    body.send_keys(Keys.END)
+    play.click()  # from the start
+    WebDriverWait(browser, 20).until(lambda _: play.text == "Play" and browser.execute_script(SHOWN)[0] == FRAMES - 1)
+    assert browser.get_log("browser") == []
 
 
 def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
@@ -92,7 +112,7 @@ def test_a_run_without_contact(tmp_path, command):
     assert push.contact is not None
     palpate.write_recording(replace(push, contact=~push.contact & False), tmp_path / "away.mcap")
     assert command("track", tmp_path / "away.mcap", "--html", "--out", tmp_path / "run") == 0
-    assert len(pictures_in(tmp_path / "run" / "page.html")) == len(push)
+    assert len(data_in(tmp_path / "run" / "page.html")["pose"]) == len(push)
 
 
 def test_a_name_that_is_no_text_and_settings_of_the_user(tmp_path, command, monkeypatch, caplog):
@@ -115,7 +135,7 @@ def test_a_picture_that_fails_loses_nothing_else(tmp_path, command, monkeypatch,
         raise RuntimeError("no font")
 
     monkeypatch.setattr("palpate.pipeline.run_folder.run_figure", fail)
-    monkeypatch.setattr("palpate.viewer.page.run_figure", fail)
+    monkeypatch.setattr("palpate.viewer.page.draw_from_above", fail)
     palpate.write_recording(replace(pushed(10), first_pose=(0.0, 0.0, 3.0)), tmp_path / "push.mcap")
     assert command("track", tmp_path / "push.mcap", "--html", "--out", tmp_path / "run") == 0
     left = {path.name for path in (tmp_path / "run").iterdir()}

@@ -1,23 +1,15 @@
 """Parallel work on many items: on the cores of this machine, or on a Dask cluster."""
 
 import logging
-import os
-import signal
-import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar
-
-import cv2
+from typing import Any
 
 from palpate.errors import FileError, SettingError
+from palpate.parallel import Item, Result, check_workers, processes, results_in_any_order, worker_died
 from palpate_lab import required
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 
 def spread(
@@ -29,14 +21,12 @@ def spread(
     such as "tcp://host:8786". Closing the generator cancels the rest.
     Raises SettingError on fewer workers than one, where the cluster does not answer, and where a process dies.
     """
-    if workers < 1:
-        raise SettingError(f"workers is {workers}; allowed is 1 or more")
+    check_workers(workers)
     if workers == 1 and dask is None:
         yield from map(function, items)
         return
-    with _processes(workers) if dask is None else _cluster(dask) as pool:
-        for task in as_completed({pool.submit(_alone, function, item) for item in items}):
-            yield task.result()
+    with processes(workers) if dask is None else _cluster(dask) as pool:
+        yield from results_in_any_order(pool, function, items)
 
 
 @contextmanager
@@ -76,24 +66,6 @@ def quiet() -> Iterator[None]:
 
 
 @contextmanager
-def _processes(workers: int) -> Iterator[Executor]:
-    # A forked worker takes no modules from the working folder. Torch's threads do not outlive a fork.
-    method = "fork" if sys.platform == "linux" and "torch" not in sys.modules else "spawn"
-    os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
-    cv2.setNumThreads(1)  # nor do OpenCV's, for which a forked worker would wait for ever
-    try:
-        with ProcessPoolExecutor(workers, get_context(method), _die_silently) as pool:
-            try:
-                yield pool
-            finally:
-                pool.shutdown(cancel_futures=True)
-    except BrokenExecutor as error:
-        raise _died() from error
-    except (BlockingIOError, NotImplementedError) as error:
-        raise SettingError(f"worker processes cannot start ({error}); with workers 1 none are needed") from error
-
-
-@contextmanager
 def _cluster(address: str) -> Iterator[Executor]:
     dask = required("--dask", "cluster", "distributed")
     try:
@@ -108,18 +80,4 @@ def _cluster(address: str) -> Iterator[Executor]:
         except TimeoutError as error:
             raise SettingError(f"the Dask scheduler at {address!r} has no workers; start some") from error
         except dask.KilledWorker as error:
-            raise _died() from error
-
-
-def _alone(function: Callable[[Item], Result], item: Item) -> Result:
-    cv2.setNumThreads(1)  # many processes would fight for cores
-    return function(item)
-
-
-def _die_silently() -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_DFL)
-
-
-def _died() -> SettingError:
-    return SettingError("a process of the workers died, perhaps for lack of memory; fewer workers need less")
+            raise worker_died() from error

@@ -7,22 +7,29 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 import tyro
 
 from palpate import __version__
-from palpate.cli.commands import Command, find_command, installed_commands
-from palpate.cli.console import Report, complain
+from palpate.cli.commands import Command, find_command, help_text, installed_commands
+from palpate.cli.console import Report, complain, progress_log
+from palpate.cli.quantities import REGISTRY
+from palpate.cli.track import ros2
 from palpate.errors import PalpateError, printable
 
 DESCRIPTION = (
     "Finds the pose of an object by touch. Exit codes: 0 done, 2 bad input or usage, 3 some of several files failed. "
     "--version prints the version."
 )
-FOR_ALL = "With --json it prints one JSON object; with --debug, an error shows its traceback."
+FOR_ALL = (
+    "With --all it shows all rows and numbers, with --json it prints one JSON object, with --quiet only errors; with "
+    "-v it says what it does, and with --debug an error shows its traceback."
+)
 """Options of every command."""
+FLAGS = ("--all", "--json", "--quiet", "-v", "--debug")
 _CONFIG = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitSubcommandPrefixes, tyro.conf.OmitArgPrefixes)
 
 
@@ -35,24 +42,20 @@ def main(args: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if args is None else args)
     if args is None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a cancelled job leaves files in order, as Ctrl-C
-    debug = "--debug" in words
-    as_json = "--json" in words
-    words = [word for word in words if word not in ("--debug", "--json")]
+    flags = {word for word in words if word in FLAGS}
+    words = [word for word in words if word not in FLAGS]
     if words == ["--version"]:
         print(f"palpate {__version__}")
         return 0
-    _set_up_process()
+    _set_up_process(flags)
     if words[:1] in ([], ["help"]):
         words = [*words[1:2], "--help"]
     command: Command | None = None
     try:
         if words[0].startswith("-"):
-            _show_help(words)
+            return _show_help(words)
         command = find_command(words[0])
-        report = _run(command, words)
-        report.print(as_json)
-        sys.stdout.flush()
-        return report.code
+        return _finish(_run(command, words), flags)
     except KeyboardInterrupt as stop:
         hint = str(stop) or _way_to_go_on(command)
         complain(f"stopped; {hint}" if hint else "stopped")
@@ -61,7 +64,7 @@ def main(args: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (PalpateError, OSError) as error:  # bad input; a disk that is full or a folder that may not be written to
-        if debug:
+        if "--debug" in flags:
             raise
         complain(error)
         return 2
@@ -74,12 +77,15 @@ def _open_closed_streams() -> None:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115
 
 
-def _set_up_process() -> None:
-    """Set up logging, output, threads and the garbage collector for a command."""
+def _set_up_process(flags: Collection[str]) -> None:
+    """Set up logging, output, threads and the garbage collector for a command with these flags."""
     log = logging.StreamHandler()
     log.format = lambda record: printable(f"palpate: {record.getMessage()}")
+    log.setLevel(logging.ERROR if "--quiet" in flags else logging.NOTSET)  # a run keeps the warnings all the same
     logging.basicConfig(handlers=[log], level=logging.WARNING)
+    logging.getLogger("palpate").setLevel(logging.INFO if "-v" in flags else logging.NOTSET)
     logging.getLogger("palpate.io.outlines").setLevel(logging.INFO)  # an outline's size tells if the right one was read
+    progress_log.setLevel(logging.ERROR if "--quiet" in flags else logging.INFO)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
     # The arrays of a step are too small to be shared between threads.
@@ -89,17 +95,36 @@ def _set_up_process() -> None:
     gc.set_threshold(100_000, 20, 20)  # imports make many objects, none of them garbage
 
 
-def _show_help(words: Sequence[str]) -> None:
-    """Show the help of all commands and raise SystemExit. It takes a tenth of a second more than that of one."""
-    tyro.extras.subcommand_cli_from_dict(
-        installed_commands(), prog="palpate", description=f"{DESCRIPTION} {FOR_ALL}", args=words, config=_CONFIG
-    )
+def _finish(report: Report | int, flags: Collection[str]) -> int:
+    """Print a result as flags ask for it, and return the exit code."""
+    if isinstance(report, int):
+        return report
+    if "--json" in flags or "--quiet" not in flags:
+        report.print("--json" in flags, "--all" in flags)
+    sys.stdout.flush()
+    return report.code
 
 
-def _run(command: Command, words: Sequence[str]) -> Report:
+def _show_help(words: Sequence[str]) -> int:
+    """Show the help of all commands, or take options of tyro for tab completion, which raise SystemExit.
+
+    These are such as --tyro-print-completion bash.
+    """
+    if words[0] in ("-h", "--help"):
+        print(help_text(f"{DESCRIPTION} {FOR_ALL}"))
+        return 0
+    options: Any = {"config": _CONFIG, "registry": REGISTRY}
+    tyro.extras.subcommand_cli_from_dict(installed_commands(), prog="palpate", args=words, **options)
+    return 0
+
+
+def _run(command: Command, words: Sequence[str]) -> Report | int:
     """Run a command with words that begin with its name. Raises SystemExit for help and on bad usage."""
+    if command is ros2:
+        return ros2(*words[1:])
     description = f"{inspect.cleandoc(command.__doc__ or '').partition('Args:')[0]}{FOR_ALL}"
-    return tyro.cli(command, prog=f"palpate {words[0]}", description=description, args=words[1:], config=_CONFIG)
+    prog = f"palpate {words[0]}"
+    return tyro.cli(command, prog=prog, description=description, args=words[1:], config=_CONFIG, registry=REGISTRY)
 
 
 def _way_to_go_on(command: Command | None) -> str:

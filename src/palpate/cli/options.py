@@ -12,11 +12,13 @@ from typing import Annotated, Any, TypeAlias
 import tyro
 
 import palpate
-from palpate.errors import SettingError, kept_warnings
+from palpate.cli.quantities import ANGLE, LENGTH, PURE, TIME, quantities
+from palpate.errors import PalpateError, SettingError, kept_warnings
 from palpate.types.choices import (
     DEFAULT_NOISE,
     DEFAULT_SENSOR,
     BagChoices,
+    Normal,
     SmootherName,
     TactileChoice,
     TrackerChoices,
@@ -57,12 +59,18 @@ Orientation: TypeAlias = Annotated[
 class Start:
     """The object's pose at the start. By default the recording's own, else its first ground truth."""
 
-    first_pose: Annotated[Numbers | None, arg("X Y THETA", "from the recording")] = None
-    """Object pose in the world [m, m, rad]."""
-    first_pose_sigma: Annotated[Numbers | None, arg("SX SY STHETA", "from the recording, else the noise settings")] = (
-        None
-    )
-    """Its standard deviations [m, m, rad]. With large ones, touch finds the object."""
+    first_pose: Annotated[
+        Numbers | None,
+        quantities("--first-pose", "X Y THETA", LENGTH, LENGTH, ANGLE),
+        arg("X Y THETA", "from the recording"),
+    ] = None
+    """Object pose in the world [m, m, rad], or with units, as 120mm 0 17deg."""
+    first_pose_sigma: Annotated[
+        Numbers | None,
+        quantities("--first-pose-sigma", "SX SY STHETA", LENGTH, LENGTH, ANGLE),
+        arg("SX SY STHETA", "from the recording, else the noise settings"),
+    ] = None
+    """Its standard deviations [m, m, rad], or with units. With large ones, touch finds the object."""
     first_pose_unknown: bool = False
     """The pose is unknown: within 1 m of the world's origin, at any yaw. Touch finds the object."""
 
@@ -126,6 +134,35 @@ class Estimator:
 
 
 @dataclass(frozen=True)
+class BagOptions(BagChoices):
+    """Settings for reading a bag, as options; their texts are those of BagChoices."""
+
+    orientation: Annotated[str, arg("WORDS", "as they come")] = ""
+    sensor_T_gel: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        quantities("--sensor-T-gel", "X Y Z QX QY QZ QW", LENGTH, LENGTH, LENGTH, PURE, PURE, PURE, PURE),
+        arg(
+            "X Y Z QX QY QZ QW",
+            "they are poses of the gel",
+            help="Pose of the gel in the frame of the sensor's poses, such as that of a flange [m, quaternion].",
+        ),
+    ] = None
+    time_offset: Annotated[float, quantities("--time-offset", "S", TIME), arg("S", "0")] = 0.0
+    plane: Annotated[
+        Normal, quantities("--plane", "X Y Z|fit", PURE, PURE, PURE, word="fit"), arg("X Y Z|fit", "0 0 1")
+    ] = (
+        0.0,
+        0.0,
+        1.0,
+    )
+    off_plane: Annotated[float, quantities("--off-plane", "M", LENGTH), arg("M", "10mm")] = 0.01
+    images: Annotated[str | None, arg("TOPIC|DIR", "the only one")] = None
+    image_times: Annotated[Path | None, arg("TABLE", "none; images are in the bag")] = None
+    sensor_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "the only one")] = None
+    object_poses: Annotated[str | None, arg("TOPIC|PARENT:CHILD", "none")] = None
+
+
+@dataclass(frozen=True)
 class Bag:
     """The object and the topics, for bags of ROS messages."""
 
@@ -143,7 +180,7 @@ class Bag:
     shape_layer: Annotated[str | None, arg("NAME", "the only one with an outline")] = None
     """Layer of the outline in a drawing; of an SVG also the name of a group or an element."""
     sensor: Sensor = DEFAULT_SENSOR
-    choices: BagChoices = field(default_factory=BagChoices)
+    choices: Annotated[BagOptions, tyro.conf.arg(name="")] = field(default_factory=BagOptions)
 
     def read(self, file: Path) -> "palpate.BagReading":
         """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
@@ -154,18 +191,29 @@ class Bag:
         orientation = self.choices.orientation
         kind = detect_format(file)
         if kind != "bag":  # reading a file of no known format raises an error that says what is wrong with it
-            if kind is not None and self != Bag(choices=BagChoices(orientation)):
+            if kind is not None and self != Bag(choices=BagOptions(orientation)):
                 raise SettingError(
                     f"{file}: is no bag but a recording, whose outline, sensor, poses and times are settled; of the "
                     "options for bags only --orientation applies to it"
                 )
             return palpate.BagReading(palpate.load_recording(file, orientation), flat())
         if self.shape is None:
-            raise SettingError(f"{file}: is a bag, which holds no outline of the object: give --shape NAME|AxB|FILE")
+            raise SettingError(self._missing(file))
         with kept_warnings() as warnings:
             shape = palpate.load_shape(self.shape, self.shape_unit, self.shape_layer)
         recording, plane = palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
         return palpate.BagReading(recording.warned(warnings), plane)
+
+    def _missing(self, file: Path) -> str:
+        """Return a sentence on all that a bag needs which is not given: the object, and topics of several."""
+        from palpate.types.sensor import known_sensor
+
+        needs = f"{file}: is a bag, which needs --shape NAME|FILE and, unless --object-poses has them, --first-pose"
+        try:
+            palpate.read_bag(file, palpate.Disc(0.05), self.choices, known_sensor(self.sensor))
+        except PalpateError as error:
+            return f"{needs}; it also {str(error).removeprefix(f'{file}: ')}"
+        return needs
 
 
 @dataclass(frozen=True)

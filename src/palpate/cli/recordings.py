@@ -1,5 +1,6 @@
 """`palpate info`, `convert` and `calibrate`: contents of files, conversion, and calibration of a sensor unit."""
 
+import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -13,6 +14,7 @@ from palpate.cli.console import Report, progress_bar
 from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError, kept_warnings
 from palpate.files import in_file, new_file, numbers_of, read_json
+from palpate.hints import own_command
 from palpate.types.choices import DEFAULT_SENSOR, TableChoices
 
 
@@ -34,10 +36,13 @@ def info(
     from palpate.io.lerobot import about_dataset, is_lerobot
     from palpate.io.rosbag_reader import is_bag
     from palpate.pipeline.check_recording import check_recording
+    from palpate.pipeline.report import run_lines
 
     summary = file / "summary.json"
     if summary.exists():
-        return Report(file.name, {"file": str(file), "format": "run", **read_json(summary)})
+        found = read_json(summary)
+        lines = run_lines(str(file), found, file) if "tactile" in found else ()
+        return Report(file.name, {"file": str(file), "format": "run", **found}, lines=lines)
     if is_lerobot(file):
         return Report(file.name, {"file": str(file), **about_dataset(file)})
     if file.is_dir() and not is_bag(file) and image_files(file):
@@ -139,9 +144,11 @@ def _folder_recording(folder: Path, bag: Bag, tables: TableChoices) -> "palpate.
         raise FileError(f"{folder}: is no folder; --poses and its options are for a folder of images")
     if bag.shape is None:
         raise SettingError("--shape NAME|AxB|FILE is missing: a folder of images holds no outline of the object")
-    shape = palpate.load_shape(bag.shape, bag.shape_unit)
+    with kept_warnings() as warnings:
+        shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
     with progress_bar(f"reading {folder.name}", len(image_files(folder))) as bar:
-        return read_folder(folder, shape, bag.choices, tables, known_sensor(bag.sensor), bar)
+        recording = read_folder(folder, shape, bag.choices, tables, known_sensor(bag.sensor), bar)
+    return recording.warned(warnings)
 
 
 def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
@@ -190,6 +197,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
         return about | {"advice": str(error)}
     findings = check_recording(recording)["findings"]
     damaged = sum(finding["kind"] == "image" for finding in findings)
+    name = shlex.quote(str(bag.path))
     options = ""
     if sensor != DEFAULT_SENSOR:
         options += f" --sensor {sensor}"
@@ -199,7 +207,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
         "source": recording.source,
         "damaged_images": damaged,
         "findings": findings,
-        "advice": f"palpate track {bag.path}{options} --shape NAME|FILE --first-pose X Y THETA",
+        "advice": f"{own_command()} track {name}{options} --shape NAME|FILE --first-pose X Y THETA",
     }
 
 

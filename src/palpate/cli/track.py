@@ -9,16 +9,45 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
-from palpate.cli.options import Bag, Estimator, Force, Start, Touch, arg
+from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
+from palpate.cli.track_files import Outcome, Outputs, Way, read_first_poses, track_file, track_files
 from palpate.errors import PalpateError, SettingError
 from palpate.files import new_file
-from palpate.types.choices import BagChoices, Placement
+from palpate.types.choices import Placement
 
 if TYPE_CHECKING:
     from palpate.live.sources import Sources
 
-SHOWN = ("final_status", "final_translation_error_mm", "final_rotation_error_deg", "silently_wrong_share")
-"""Columns of the table of several runs."""
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Files of a run besides poses, scores and figure."""
+
+    tum: bool = False
+    """Write trajectory.tum, which evo reads, and truth.tum if there is ground truth."""
+    video: Annotated[Path | None, arg("FILE.mp4|FILE.gif", "none")] = None
+    """Write a video of the push."""
+    html: bool = False
+    """Write a page that plays the push in any browser, page.html."""
+    view: bool = False
+    """Write this page and open it."""
+    mcap: bool = False
+    """Write the estimates as ROS 2 messages too, estimates.mcap."""
+
+    def check(self, files: int, force: bool) -> None:
+        """Raise PalpateError if the video cannot be written, or there are several files for it."""
+        from palpate.viewer.video import check_video
+
+        if self.video is None:
+            return
+        check_video(self.video)
+        if files > 1:
+            raise SettingError(f"--video {self.video}: is of one recording, found {files}")
+        new_file(self.video, force)
+
+    def outputs(self, may_replace: bool) -> Outputs:
+        """Return what these options ask for."""
+        return Outputs(self.mcap, self.tum, self.html or self.view, self.video, may_replace)
 
 
 def track(
@@ -26,69 +55,51 @@ def track(
     /,
     *,
     start: Start = Start(),
+    first_poses: Annotated[Path | None, arg("TABLE", "none")] = None,
     touch: Touch = Touch(),
     estimator: Estimator = Estimator(),
     bag: Bag = Bag(),
     out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None,
-    mcap: bool = False,
-    html: bool = False,
-    view: bool = False,
+    files_of_run: RunFiles = RunFiles(),
+    workers: Annotated[int, arg("N")] = 1,
+    resume: bool = False,
     force: Force = False,
 ) -> Report:
     """Track the object of a recording, and write poses, covariances, scores and a figure to a folder.
 
-    Example: palpate track push.mcap --first-pose 0.1 0 0.3 --first-pose-sigma 0.01 0.01 0.1
+    Example: palpate track push.mcap --first-pose 0.1 0 17deg --first-pose-sigma 10mm 10mm 6deg
 
     Args:
         files: Recordings in any known format, or bags of ROS messages.
+        first_poses: The first poses of several files: a table with the columns file, x, y, theta and, if known,
+            sigma_x, sigma_y, sigma_theta [m, rad, or with units].
         out: Folder of the run; of several files, the folder of their runs.
-        mcap: Write the estimates as ROS 2 messages too, estimates.mcap.
-        html: Write a page that shows the push in any browser, page.html.
-        view: Write this page and open it.
+        workers: Processes that share several files.
+        resume: Keep whole runs of the same files by the same settings, and make the rest.
     """
     from palpate.pipeline.run_folder import PAGE
 
     if not files:
         raise SettingError("track takes a recording or several: palpate track FILE ...")
-    settings = estimator.settings(touch.tactile)
-    first_pose, sigma = start.pose_and_sigma()
+    files_of_run.check(len(files), force)
+    if first_poses and start != Start():
+        raise SettingError("--first-poses cannot be combined with the options of one first pose")
+    start.pose_and_sigma()  # raises here, once for all files
     model, unit = touch.load(touch.tactile)
-    tracking: dict[str, Any] = {
-        "settings": settings,
-        "first_pose": first_pose,
-        "first_pose_sigma": sigma,
-        "model": model,
-        "calibration": unit,
-    }
-    runs: dict[Path, dict[str, Any]] = {}
-    for file in files:
-        folder = _folder_of(file, out, is_only=len(files) == 1)
-        may_replace = force and folder not in runs
-        try:
-            runs[folder] = _track_file(file, folder, bag, tracking, _Output(mcap, html or view, may_replace))
-        except PalpateError as error:
-            if len(files) == 1:
-                raise
-            complain(f"{file}: {str(error).removeprefix(f'{file}: ')}")
-    if view:
-        _open_pages([folder / PAGE for folder in runs])
-    if len(files) == 1:
-        return run_report(*runs.popitem())
-    shown = {str(folder): {key: summary[key] for key in SHOWN} for folder, summary in runs.items()}
-    data = {"runs": {str(folder): summary for folder, summary in runs.items()}}
-    return Report("runs", data, {"runs": shown}, code=3 if len(runs) < len(files) else 0)
-
-
-@dataclass(frozen=True)
-class _Output:
-    """Files of a run that are asked for."""
-
-    mcap: bool
-    """Estimates as messages."""
-    page: bool
-    """The page of the run."""
-    may_replace: bool
-    """An earlier run in the folder is replaced."""
+    table = read_first_poses(first_poses) if first_poses else None
+    way = Way(estimator.settings(touch.tactile), start, bag, model, unit, table)
+    outputs = files_of_run.outputs(force)
+    jobs = [(file, _folder_of(file, out, is_only=len(files) == 1)) for file in files]
+    if len(files) == 1 and not resume:
+        summary = track_file(*jobs[0], way, outputs)
+        done = [Outcome(*jobs[0], summary)]
+    else:
+        done = track_files(jobs, way, outputs, workers, resume)
+    if files_of_run.view:
+        _open_pages([outcome.folder / PAGE for outcome in done])
+    if len(files) == 1 and done[0].summary is not None:
+        return run_report(done[0].folder, done[0].summary, files[0].name)
+    return _runs_report(done)
 
 
 def _folder_of(file: Path, out: Path | None, is_only: bool) -> Path:
@@ -99,29 +110,6 @@ def _folder_of(file: Path, out: Path | None, is_only: bool) -> Path:
     return (out or Path("runs")) / name
 
 
-def _track_file(file: Path, folder: Path, bag: Bag, tracking: dict[str, Any], output: _Output) -> dict[str, Any]:
-    """Track a file into a folder and return the summary; `tracking` are the arguments of `palpate.track`."""
-    from palpate.io.ros_messages import nanoseconds
-    from palpate.pipeline.figures import draw
-    from palpate.pipeline.run_folder import PAGE, new_run, write_files
-    from palpate.viewer.page import write_page
-
-    with new_run(folder, output.may_replace) as part:
-        recording, plane = bag.read(file)
-        if output.mcap:
-            nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
-
-        def keep(run: "palpate.Run") -> None:
-            if output.page:
-                draw(part / PAGE, lambda page: write_page(run, page))
-            write_files(run, part, plane if output.mcap else None)
-
-        with progress_bar(file.name, len(recording)) as progress:
-            run = palpate.track(recording, **tracking, progress=progress, keep=keep)
-        keep(run)
-    return run.summary
-
-
 def _open_pages(pages: Sequence[Path]) -> None:
     """Open pages in the browser, but for those that could not be drawn, for which there was a warning."""
     for page in pages:
@@ -129,12 +117,29 @@ def _open_pages(pages: Sequence[Path]) -> None:
             webbrowser.open(page.resolve().as_uri())
 
 
-def run_report(folder: Path, summary: dict[str, Any], *notes: str) -> Report:
+def run_report(folder: Path, summary: dict[str, Any], name: str) -> Report:
     """Return the result of one run, with its final pose in words for people."""
     from palpate.pipeline.metrics import pose_words
+    from palpate.pipeline.report import run_lines
 
     shown = summary | {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
-    return Report("run", summary, shown, (*notes, f"run: {folder}   figure: {folder / 'figure.png'}"))
+    return Report("run", summary, shown, run_lines(name, summary, folder))
+
+
+def _runs_report(outcomes: Sequence[Outcome]) -> Report:
+    """Return the results of several recordings, a row for each."""
+    from palpate.pipeline.report import run_row
+
+    runs = {str(outcome.folder): outcome.summary for outcome in outcomes if outcome.summary is not None}
+    failed = [{"file": str(outcome.file), "error": outcome.error} for outcome in outcomes if outcome.error]
+    kept = sum(outcome.is_kept for outcome in outcomes)
+    data = {"runs": runs, "kept": kept, "failed": failed}
+    shown = {
+        "kept": kept,
+        "failed": len(failed),
+        "runs": {folder: run_row(summary) for folder, summary in runs.items()},
+    }
+    return Report("recordings", data, shown, code=3 if failed else 0)
 
 
 def warm_up() -> Report:
@@ -150,6 +155,19 @@ def warm_up() -> Report:
         raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
     palpate.Tracker(palpate.Disc(0.05), palpate.DIGIT, None, palpate.TrackerSettings("learnt"))
     return Report("compiled code", {"folder": str(folder)})
+
+
+def ros2(*words: str) -> int:
+    """Run a ROS 2 node that tracks an object as it happens.
+
+    Example: palpate ros2 --ros-args -p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'
+
+    Args:
+        words: Arguments of ROS; --help explains them.
+    """
+    from palpate.ros2 import main
+
+    return main(words)
 
 
 def live(
@@ -236,7 +254,7 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
     if bag.shape is None or first is None:
         raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
-    if bag != Bag(bag.shape, bag.shape_unit, bag.shape_layer, choices=BagChoices(**placement)):
+    if bag != Bag(bag.shape, bag.shape_unit, bag.shape_layer, choices=BagOptions(**placement)):
         words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", "shape_layer", *placement))
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
     shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)

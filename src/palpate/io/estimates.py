@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from palpate.arrays import Array
 from palpate.files import whole_file
 from palpate.io import ros_messages as ros
 from palpate.types.estimate import Answers, Estimate, Trajectory, origins_text
-from palpate.types.space import Plane, spatial_covariance
+from palpate.types.space import Plane, out_of_plane, spatial_covariance
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 COLUMNS = ("time", "x", "y", "theta", *COVARIANCE, "contact", "status", "reason", "origins")
@@ -85,3 +86,17 @@ def write_estimates_csv(data: Trajectory, path: Path, answers: Answers = ()) -> 
         writer.writerow(COLUMNS)
         for row, contact, *words in zip(table.tolist(), data.contact, data.status, data.reason, origins, strict=True):
             writer.writerow([*map(repr, row), int(contact), *words])
+
+
+def write_tum(time: Array, pose: Array, path: Path, plane: Plane) -> None:
+    """Write poses (N, 3) in a plane at times (N,) [s] as a trajectory in the format of TUM, as evo reads it.
+
+    A row holds time, position [m] and quaternion x, y, z, w in the frame of the plane; poses that are unknown, NaN, are
+    left out. Raises FileError if the file exists.
+    """
+    with whole_file(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"# time [s], x y z [m], qx qy qz qw: world_T_object in {plane.frame}\n")
+        for when, each in zip(time.tolist(), pose, strict=True):
+            if np.isfinite(each).all():
+                position, rotation = out_of_plane(plane, each)
+                file.write(" ".join(map(repr, (when, *position.tolist(), *rotation.tolist()))) + "\n")

@@ -20,6 +20,7 @@ from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError, one_line
 from palpate.files import in_file, read_json
 from palpate.geometry.shapes import Shape, shape_from_dict
+from palpate.hints import install_command
 from palpate.io.pose_tables import poses_of_numbers
 from palpate.io.recording import Recording
 from palpate.types.choices import BagChoices, TableChoices
@@ -41,7 +42,7 @@ def libraries() -> tuple[Any, Any, Any]:
     try:
         return import_module("av"), import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:
-        raise SettingError(f"LeRobot datasets need {error.name}: pip install 'palpate[lerobot]'") from error
+        raise SettingError(f"LeRobot datasets need {error.name}: {install_command('lerobot')}") from error
 
 
 def about_dataset(folder: Path) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from palpate.checks import METRES
 from palpate.errors import FileError, SettingError, ShapeError
 from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows
 from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
+from palpate.hints import install_command
 from palpate.io.contours import outline_in, size_words
 from palpate.io.outline_dxf import read_dxf
 from palpate.io.outline_svg import read_svg
@@ -34,7 +35,7 @@ def load_shape(source: str | Path, unit: Unit | None = None, layer: str | None =
     """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
 
     Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
-    SVG and DXF (`pip install palpate[outlines]`). `unit` is that of the numbers, by default metres, or the drawing's
+    SVG and DXF (`pip install 'palpate[outlines]'`). `unit` is that of the numbers, by default metres, or the drawing's
     own. `layer` names the layer of a DXF that the outline is on or, of an SVG, a layer, a group or an element. Points
     keep their places in the object frame; an SVG, whose origin is a corner of the page, is put about its centroid,
     y up. The size of what a file holds is logged, as information.
@@ -170,7 +171,7 @@ def _read_json(path: Path, scale: float | None) -> Shape:
 def _check_drawing(path: Path, library: str) -> None:
     """Raise FileError unless the library is installed and the file small enough for it."""
     if find_spec(library) is None:
-        raise FileError(f"drawings are read by {library}, which is not installed: pip install palpate[outlines]")
+        raise FileError(f"drawings are read by {library}, which is not installed: {install_command('outlines')}")
     size = path.stat().st_size
     if size > 5_000_000:  # the libraries take a thousand times the memory
         raise FileError(f"is a drawing of {size / 1e6:.0f} MB, allowed are 5; a single outline needs far less")

@@ -218,6 +218,19 @@ def _only(bag: Contents, kind: str, names: list[str], chosen: str | None, option
     raise FileError(f"{problem}; there are {candidates}{_frames(bag)}; name one by {option}")
 
 
+def _topic_of_frames(bag: Contents, kind: str, names: list[str], choices: BagChoices) -> str:
+    """Return the topic of images or flags. Raises FileError, which also names what is missing of poses."""
+    try:
+        return _only(bag, kind, names, choices.images, "--images TOPIC")
+    except FileError as error:
+        problems = [str(error)]
+    try:
+        _source(bag, choices.sensor_poses, None)
+    except FileError as error:
+        problems.append(str(error))
+    raise FileError("; and it ".join(problems))
+
+
 def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: SensorProfile) -> BagReading:
     """Return a bag whose contents are known as a recording; see `read_bag`."""
     poses_of_gel = onto_gel(choices)
@@ -230,12 +243,12 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
         stamps, images = _one_at_a_time(topic, sorted(_listed_images(Path(choices.image_times), choices.images)))
     elif are_flags:
         topics = bag.of((BOOL,))
-        topic = _only(bag, "topic of contact flags", [*topics], choices.images, "--images TOPIC")
+        topic = _topic_of_frames(bag, "topic of contact flags", [*topics], choices)
         poses, truth = _sources(bag, choices, topics[topic])
         stamps, flags = _flags(topics[topic], poses, choices.clock, sensor.rate)
     else:
         topics = bag.of(IMAGE_TYPES)
-        topic = _only(bag, "image topic", [*topics], choices.images, "--images TOPIC")
+        topic = _topic_of_frames(bag, "image topic", [*topics], choices)
         poses, truth = _sources(bag, choices, topics[topic])
         stamps, images = _one_at_a_time(topic, _images_in_order(bag, topic, choices, sensor))
     time = stamps + round(choices.time_offset * 1e9)

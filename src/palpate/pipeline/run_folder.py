@@ -2,19 +2,22 @@
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 import palpate
 from palpate.errors import FileError
 from palpate.files import write_json
-from palpate.io.estimates import write_estimates_csv, write_estimates_mcap
+from palpate.io.estimates import write_estimates_csv, write_estimates_mcap, write_tum
 from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.figures import draw, run_figure
 from palpate.pipeline.track import Run
-from palpate.types.space import Plane
+from palpate.types.space import Plane, flat
 
 SUMMARY = "summary.json"
 FILES = {"settings.json", "estimates.csv", SUMMARY, "figure.png"}
@@ -25,6 +28,10 @@ PAGE = "page.html"
 """The page, if it is asked for."""
 MCAP = "estimates.mcap"
 """The estimates as messages, if they are asked for."""
+TRAJECTORY = "trajectory.tum"
+"""The estimates as evo reads them, if they are asked for."""
+TRUTH = "truth.tum"
+"""Ground truth, likewise."""
 
 
 @contextmanager
@@ -38,7 +45,7 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         raise FileError(f"{folder}: is a file, or not the name of a new folder")
     if folder.exists() and not force:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    foreign = sorted({path.name for path in folder.glob("*")} - FILES - {RECORDING, PAGE, MCAP})
+    foreign = sorted({path.name for path in folder.glob("*")} - FILES - {RECORDING, PAGE, MCAP, TRAJECTORY, TRUTH})
     if foreign:
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
     target = folder.resolve()  # it may be a link
@@ -58,8 +65,18 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
-    """Write FILES to a folder and, with the plane of the push in space, the estimates as messages (MCAP)."""
+def write_files(
+    run: Run,
+    folder: Path,
+    plane: Plane | None = None,
+    made_of: dict[str, Any] | None = None,
+    names: Collection[str] = FILES,
+) -> None:
+    """Write FILES to a folder, and those of MCAP and TRAJECTORY that are among the names.
+
+    `plane` is that of the push in space, `made_of` what settings.json says of the recording's file and the options.
+    """
+    space = plane or flat()
     online = run.online
     calibration = run.calibration
     recording_file = run.recording.file
@@ -71,11 +88,16 @@ def write_files(run: Run, folder: Path, mcap: Plane | None = None) -> None:
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
         "recording": RECORDING if recording_file is None else str(recording_file.absolute()),
+        "made_of": made_of,
         **asdict(run.settings),
     }
     write_estimates_csv(online, folder / "estimates.csv", run.answers)
-    if mcap is not None:
-        write_estimates_mcap(online, folder / MCAP, mcap, run.answers)
+    if MCAP in names:
+        write_estimates_mcap(online, folder / MCAP, space, run.answers)
+    if TRAJECTORY in names:
+        write_tum(online.time, online.pose, folder / TRAJECTORY, space)
+        if np.isfinite(run.recording.truth).any():
+            write_tum(run.recording.time, run.recording.truth, folder / TRUTH, space)
     draw(folder / "figure.png", lambda file: run_figure(run).savefig(file, format="png", dpi=120))
     if recording_file is None:
         write_recording(run.recording, folder / RECORDING)

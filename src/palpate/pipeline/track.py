@@ -18,6 +18,7 @@ from palpate.io.recording import Recording
 from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
+from palpate.pipeline.report import reasons_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
@@ -85,6 +86,10 @@ def track(
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
         tracker = Tracker(recording.shape, recording.sensor, first, settings, model, calibration, **start)
+        why = tracker.tactile_reason or "as asked"
+        logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
+        logger.info("touch is %s: %s", tracker.tactile, why)
+        logger.info("tracking %d frames of %s", total, recording.sensor.name)
         estimates, step_ms, failure = _estimates_until_failure(tracker, recording, progress)
     if failure is not None:
         if keep is None or not estimates:
@@ -99,6 +104,7 @@ def track(
     summary = _scores(recording, settings, online, step_ms, wall_s)
     summary["ambiguous_by_origin"] = ambiguous_by_origin(online.status, answers)
     summary["innovations"] = innovation_scores([estimate.innovations for estimate in estimates])
+    summary["reasons"] = reasons_of(online.status, online.reason)
     summary |= {
         "final_reason": estimates[-1].reason,
         "warnings": [*recording.warnings, *warnings],

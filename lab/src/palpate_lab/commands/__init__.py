@@ -2,6 +2,6 @@
 
 from palpate_lab.commands.demo import demo
 from palpate_lab.commands.recordings import simulate, truth, truth_camera, truth_print
-from palpate_lab.commands.study import evaluate, paper, train, tune
+from palpate_lab.commands.study import compare, evaluate, paper, train, tune
 
-__all__ = ["demo", "evaluate", "paper", "simulate", "train", "truth", "truth_camera", "truth_print", "tune"]
+__all__ = ["compare", "demo", "evaluate", "paper", "simulate", "train", "truth", "truth_camera", "truth_print", "tune"]

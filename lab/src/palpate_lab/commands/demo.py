@@ -26,4 +26,4 @@ def demo(*, out: Annotated[Path, arg("DIR")] = Path("demo-run")) -> Report:
         with progress_bar("tracking", len(recording)) as progress:
             run = palpate.track(recording, palpate.TrackerSettings("learnt"), progress=progress)
         write_files(run, part)
-    return run_report(out, run.summary, f"A DIGIT pushes a rectangle in simulation. The recording: {out / RECORDING}")
+    return run_report(out, run.summary, str(out / RECORDING))

@@ -23,6 +23,8 @@ SHOWN = (
     *("knocks", "lost", "sequences"),
 )
 """Columns of the table that is printed, by their keys in `results.json`."""
+SHOWN_WITHOUT_TRUTH = ("final_sigma_mm", "final_sigma_deg", "good", "ambiguous")
+"""Columns where no recording has ground truth."""
 
 
 def evaluate(
@@ -35,6 +37,7 @@ def evaluate(
     orientation: Orientation = "",
     estimator: Estimator = Estimator(),
     work: Workers = Workers(),
+    worst: Annotated[int, arg("N")] = 0,
     resume: bool = False,
 ) -> Report:
     """Track many recordings by many methods; write tables and figures.
@@ -44,13 +47,17 @@ def evaluate(
     Args:
         out: Folder of the report.
         tactile: Sources of touch measurements, as in palpate track.
+        worst: Draw so many of the worst trials, as palpate track does, into the folder worst of the report.
         resume: Continue a study: keep the trials that exist.
     """
     from palpate_lab.study.figures import write_figures
     from palpate_lab.study.recordings import find_recordings
     from palpate_lab.study.results import ALL, results_of, write_results
     from palpate_lab.study.study import StudySettings, run_study
+    from palpate_lab.study.worst import draw_worst, worst_of
 
+    if worst < 0:
+        raise SettingError(f"worst is {worst}; allowed is 0 or more")
     ways = tuple(dict.fromkeys(tactile))
     settings = StudySettings(ways, estimator.settings("none"), *unit.load(*ways), orientation)
     files = find_recordings(folder, leave_out=out)
@@ -67,12 +74,46 @@ def evaluate(
     if study.trials:
         with progress_bar("drawing figures"):
             write_figures(out / "figures", study.trials)
+    drawn: list[Path] = []
+    if worst:
+        chosen = worst_of(study.trials, worst)
+        with progress_bar("drawing the worst", len(chosen)) as progress:
+            drawn = draw_worst(chosen, files, settings, out / "worst", progress)
     data = {"report": str(out), **{key: results[key] for key in ("study", "table", "failed")}}
     counts = {key: results["study"][key] for key in ("trials", "kept", "skipped", "failed", "wall_s")}
     reasons = Counter(skipped["reason"] for skipped in results["skipped"])
     rows = {method: {key: row[key] for key in SHOWN} for method, row in results["table"].get(ALL, {}).items()}
+    has_truth = any(row["sequences"] for row in rows.values())
+    if not has_truth:
+        rows = {method: {key: results["table"][ALL][method][key] for key in SHOWN_WITHOUT_TRUTH} for method in rows}
     shown = {"report": str(out), **counts, "reasons": dict(reasons), ALL: rows}
-    return Report("study", data, shown, code=3 if study.failed else 0)
+    return Report("study", data, shown, notes=[str(path) for path in drawn], code=3 if study.failed else 0)
+
+
+def compare(
+    first: Annotated[Path, arg("RUNS_A")],
+    second: Annotated[Path, arg("RUNS_B")],
+    /,
+) -> Report:
+    """Compare two sets of runs of the same recordings: paired differences, B less A, with 95 % intervals.
+
+    Example: palpate compare runs-before runs-after
+
+    Args:
+        first: Folder of runs of palpate track, or report of palpate evaluate.
+        second: Another one; runs of one name are a pair.
+    """
+    from palpate_lab.study.compare import compared, read_summaries
+
+    runs_a = read_summaries(first)
+    runs_b = read_summaries(second)
+    pairs = runs_a.keys() & runs_b.keys()
+    if not pairs:
+        raise SettingError(f"{first} and {second} have no recording in common; runs of one name are a pair")
+    rows = compared(runs_a, runs_b)
+    counts = {"pairs": len(pairs), "only_a": len(runs_a) - len(pairs), "only_b": len(runs_b) - len(pairs)}
+    notes = ["A difference is B less A. It is sure where low and high have the same sign."]
+    return Report("comparison", {"a": str(first), "b": str(second), **counts, "scores": rows}, notes=notes)
 
 
 def paper(

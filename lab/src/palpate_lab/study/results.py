@@ -12,6 +12,7 @@
 """
 
 import csv
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -24,7 +25,7 @@ from numpy.typing import ArrayLike
 
 import palpate
 from palpate.files import whole_file, write_json
-from palpate.pipeline.metrics import gain_by_rescaling, inside_95, since_contact
+from palpate.pipeline.metrics import CONTENT, gain_by_rescaling, inside_95, since_contact
 from palpate_lab.study.study import Study, StudySettings, Trial, described
 
 ALL = "all groups"
@@ -68,8 +69,9 @@ def table(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, dict[str
     crps_mm, sigma_mm: means over sequences;
     silently_wrong: mean of the share of such frames, see `metrics.summarise`;
     knocks, lost: their number;
-    and of all sequences ambiguous: share of the frames in contact with that status, and step_ms: {p50, p95, p99},
-    medians over sequences. Unknown values are None.
+    and of all sequences final_sigma_mm, final_sigma_deg: medians of the stated standard deviation at the end;
+    good: mean share of frames that are tracking or resting; ambiguous: share of the frames in contact with that status,
+    and step_ms: {p50, p95, p99}, medians over sequences. Unknown values are None.
     """
     rows: dict[str, dict[str, Any]] = {}
     for group in [*sorted({trial.group for trial in trials}), ALL] if trials else []:
@@ -97,6 +99,9 @@ def write_results(folder: Path, results: Mapping[str, Any], trials: Sequence[Tri
     for trial in trials:
         row = {"recording": trial.recording, "group": trial.group, "tactile": trial.method, "lost": is_lost(trial)}
         row |= {key: value for key, value in trial.summary.items() if not isinstance(value, dict | list)}
+        axes = ("final_sigma_x", "final_sigma_y", "final_sigma_theta")
+        row |= dict(zip(axes, trial.summary["final_sigma"], strict=True))
+        row["good_share"] = _good_share(trial.summary)
         row |= {f"step_ms_{share}": value for share, value in trial.summary["step_ms"].items()}
         names = {key: f"'{value}" for key, value in row.items() if isinstance(value, str) and FORMULA.match(value)}
         rows.append(row | names)
@@ -143,6 +148,9 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
         "crps_mm": _of(fmean, known("crps_mm")),
         "sigma_mm": _of(fmean, known("sigma_mm")),
         "silently_wrong": _of(fmean, known("silently_wrong_share")),
+        "final_sigma_mm": _of(median, [1e3 * math.hypot(*trial.summary["final_sigma"][:2]) for trial in trials]),
+        "final_sigma_deg": _of(median, [math.degrees(trial.summary["final_sigma"][2]) for trial in trials]),
+        "good": _of(fmean, [_good_share(trial.summary) for trial in trials]),
         "knocks": sum(known("knocks")),
         "lost": sum(map(is_lost, scored)),
         "ambiguous": mean_of_frames("ambiguous_share", [trial.summary.get("contact_frames", 0) for trial in trials]),
@@ -150,6 +158,11 @@ def _row(trials: Sequence[Trial]) -> dict[str, Any]:
             share: median(trial.summary["step_ms"][share] for trial in trials) for share in ("p50", "p95", "p99")
         },
     }
+
+
+def _good_share(summary: Mapping[str, Any]) -> float:
+    """Return the share of frames whose status reports no doubt."""
+    return sum(summary["statuses"].get(word, 0) for word in CONTENT) / summary["frames"]
 
 
 def _of(middle: Any, values: Sequence[Any] | ArrayLike) -> float | None:

@@ -54,6 +54,7 @@ def fit(
     parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
     checkpoint = folder / f"{name}.pt"
     progressed: dict[str, Any] = {"step": 0, "best": math.inf, "waited": 0}
+    words = ""  # losses at the last check
     begun_with = {"seed": seed, "steps": settings.steps}
     if checkpoint.exists():
         progressed = _load(checkpoint, begun_with, parts)
@@ -70,6 +71,8 @@ def fit(
         optimiser.step()
         schedule.step()
         if (step + 1) % settings.check and step + 1 < settings.steps:
+            if progress:
+                progress(step + 1, words)
             continue
         network.eval()
         with torch.no_grad():
@@ -84,8 +87,9 @@ def fit(
         torch.save(progressed | begun_with | {key: part.state_dict() for key, part in parts.items()}, data)
         with whole_file(checkpoint, overwrite=True) as part:
             part.write_bytes(data.getvalue())
+        words = ", ".join(f"{key} {float(value):.3g}" for key, value in checked.items())
         if progress:
-            progress(step + 1, ", ".join(f"{key} {float(value):.3g}" for key, value in checked.items()))
+            progress(step + 1, words)
     network.load_state_dict(progressed["best_state"])
     network.eval()
 

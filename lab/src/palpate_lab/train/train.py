@@ -112,10 +112,12 @@ def train(
         descent = settings.descent(settings.touch if base is None else settings.fine)
         with bar("touch", descent.steps) as progress:
             learn(network, learned, held_out, sensor, settings, descent, work, progress)
-        spread = measure_spread(errors_of(network, held_out))
+        with bar("judging", 1):
+            spread = measure_spread(errors_of(network, held_out))
+            scores = judge(errors_of(network, judged), spread)
         results = {
             "frames": len(judged),
-            "scores": judge(errors_of(network, judged), spread),
+            "scores": scores,
             "recordings": {
                 "learned_from": recording_count(learned),
                 "held_out": recording_count(held_out),
@@ -176,8 +178,12 @@ def train_on_presses(
                 own = replace(settings, seed=len(networks) * settings.seed + number)
                 folder = work / str(number)
                 folder.mkdir(exist_ok=True)
-                learn(network, learned, held_out, profile, own, descent, folder, varied=varied)
-                progress((number + 1) * descent.steps)
+                before = number * descent.steps
+
+                def show(step: int, note: str, before: int = before) -> None:
+                    progress(before + step, note)
+
+                learn(network, learned, held_out, profile, own, descent, folder, show, varied=varied)
         together = Together(networks)
         errors = errors_of(together, held_out)
         scale = spread_of(*errors["direction"]).scale

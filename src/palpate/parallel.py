@@ -1,0 +1,77 @@
+"""Work on many items by several processes of this machine, which end with the one that started them."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import connection
+from typing import TypeVar
+
+import cv2
+
+from palpate.errors import SettingError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def check_workers(workers: int) -> None:
+    """Raise SettingError on fewer workers than one."""
+    if workers < 1:
+        raise SettingError(f"workers is {workers}; allowed is 1 or more")
+
+
+def results_in_any_order(pool: Executor, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Yield the results of a function for each item from the processes of a pool, in no order."""
+    for task in as_completed({pool.submit(_alone, function, item) for item in items}):
+        yield task.result()
+
+
+@contextmanager
+def processes(workers: int) -> Iterator[Executor]:
+    """Yield a pool of processes; those that have not begun an item are cancelled when the block ends.
+
+    Raises SettingError where processes cannot start, and where one dies.
+    """
+    # A forked worker takes no modules from the working folder. Torch's threads do not outlive a fork.
+    method = "fork" if sys.platform == "linux" and "torch" not in sys.modules else "spawn"
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
+    cv2.setNumThreads(1)  # nor do OpenCV's, for which a forked worker would wait for ever
+    try:
+        with ProcessPoolExecutor(workers, multiprocessing.get_context(method), _begin_worker) as pool:
+            try:
+                yield pool
+            finally:
+                pool.shutdown(cancel_futures=True)
+    except BrokenExecutor as error:
+        raise worker_died() from error
+    except (BlockingIOError, NotImplementedError) as error:
+        raise SettingError(f"worker processes cannot start ({error}); with workers 1 none are needed") from error
+
+
+def worker_died() -> SettingError:
+    """Return the error of a process that has died."""
+    return SettingError("a process of the workers died, perhaps for lack of memory; fewer workers need less")
+
+
+def _alone(function: Callable[[Item], Result], item: Item) -> Result:
+    cv2.setNumThreads(1)  # many processes would fight for cores
+    return function(item)
+
+
+def _begin_worker() -> None:
+    """Make this process die silently: by signals, and with its parent, which a kill leaves no time to end it."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
