@@ -8,10 +8,10 @@ from collections import deque
 
 import numpy as np
 
-from palpate.arrays import Image, Levels
+from palpate.arrays import Levels
 from palpate.config import CONTACT_DETECTION
 from palpate.touch.background import Background, first_frames
-from palpate.touch.cells import cells_of, compare
+from palpate.touch.cells import compare
 
 _SHOWS_MOTION = 2.0 * CONTACT_DETECTION.start
 """Share of an image's values that change in half a second of motion, from which a touch shows that the sensor moves:
@@ -28,9 +28,9 @@ class TouchChanges:
         self._tolerance = np.zeros(1, np.float32)  # [grey levels] of each value
         self._moving = 0.0  # change in half a second before the pose stood
 
-    def add(self, image: Image, untouched: Background) -> None:
-        """Add the image of another frame of the contact."""
-        self._cells.append(cells_of(image))
+    def add(self, cells: Levels, untouched: Background) -> None:
+        """Add the cells of the image of another frame of the contact."""
+        self._cells.append(cells)
         least = np.float32(CONTACT_DETECTION.least_deviation)
         of_difference = np.float32(CONTACT_DETECTION.significant * np.sqrt(2.0))
         self._tolerance = of_difference * np.maximum(untouched.noise, least)

@@ -125,7 +125,7 @@ def _mean_near(count: int, reach: int) -> NDArray[np.float32]:
     return are_near / are_near.sum(axis=1, keepdims=True)
 
 
-def _constant(values: NDArray[np.float32], like: Tensor) -> Tensor:
+def _constant(values: NDArray[Any], like: Tensor) -> Tensor:
     """Return values as a tensor of the type of another, on its device."""
     return torch.from_numpy(values).to(like)
 
