@@ -158,12 +158,16 @@ def _area_means(image: Records, rows: int, columns: int) -> Records:
     area_height = height / rows
     area_width = width / columns
     weights = np.empty((columns, int(area_width) + 2), np.float32)  # of the pixels of each area, from left to right
+    first = np.empty(columns, np.int64)
+    beyond = np.empty(columns, np.int64)  # the pixel behind each area
     for column in range(columns):
         left = column * area_width
         right = (column + 1) * area_width
-        for x in range(int(left), min(math.ceil(right - 1e-9), width)):
+        first[column] = int(left)
+        beyond[column] = min(math.ceil(right - 1e-9), width)
+        for x in range(first[column], beyond[column]):
             weight = (min(x + 1.0, right) - max(float(x), left)) / (area_height * area_width)
-            weights[column, x - int(left)] = np.float32(weight)
+            weights[column, x - first[column]] = np.float32(weight)
     line = np.empty(3 * width, np.float32)
     for row in range(rows):
         top = row * area_height
@@ -174,13 +178,12 @@ def _area_means(image: Records, rows: int, columns: int) -> Records:
             for i in range(3 * width):  # one long loop, which the compiler turns into vector instructions
                 line[i] += weight * np.float32(lines[y, i])
         for column in range(columns):
-            first = int(column * area_width)
             # Three sums side by side: an addition to one need not wait for the last addition to another.
             red = np.float32(0.0)
             green = np.float32(0.0)
             blue = np.float32(0.0)
-            for x in range(first, min(math.ceil((column + 1) * area_width - 1e-9), width)):
-                weight = weights[column, x - first]
+            for x in range(first[column], beyond[column]):
+                weight = weights[column, x - first[column]]
                 red += weight * line[3 * x]
                 green += weight * line[3 * x + 1]
                 blue += weight * line[3 * x + 2]

@@ -265,6 +265,7 @@ def _load_compiled() -> None:
     wide_cells_of(np.zeros((ACROSS * 3, ACROSS * 3, 3), np.uint8))
     gel.follow(image, 0.0)
     spots_of(np.zeros((1, 1), np.bool_))
+    new_marks(image, image)
 
 
 def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:
