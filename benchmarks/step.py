@@ -1,6 +1,7 @@
 """Time per frame of `Tracker.update`, against plain graphs in GTSAM in the same run, on one thread.
 
     python benchmarks/step.py [--json] [--gate] [--update-baseline]
+    python benchmarks/step.py --against COMMIT [--rounds 5] [--json]    # in place of GTSAM a committed build of palpate
 
 - one-answer: image in (decoded), estimate out, one hypothesis, in contact; a simulated push with set-up errors.
 - eight-answers: the same object shoved now and then and found from a rough first pose; frames with two to nine answers.
@@ -25,11 +26,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from gtsam_graphs import NativeGraph, PlainGraph
 from limit_surface import Steering, push
 from numpy.typing import NDArray
+from side_by_side import compared
 from threadpoolctl import threadpool_limits
 
 from palpate import DIGIT, ContactDirection, Frame, Measurement, Rectangle, Tracker, TrackerSettings, Turn
@@ -167,8 +168,14 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else")
     parser.add_argument("--gate", action="store_true", help="exit 1 if a ratio is worse than the baseline allows")
     parser.add_argument("--update-baseline", action="store_true", help="write benchmarks/baseline.json")
+    parser.add_argument("--against", metavar="COMMIT", help="compare with a committed build, see side_by_side.py")
+    parser.add_argument("--rounds", type=int, default=5, help="times that each build tracks each recording")
     arguments = parser.parse_args()
-    cv2.setNumThreads(1)
+    if arguments.rounds < 1:
+        parser.error(f"--rounds is {arguments.rounds}; allowed is 1 or more")
+    if arguments.against:
+        show(compared(arguments.against, arguments.rounds), arguments.json)
+        return 0
     with threadpool_limits(1):
         timings = [*with_images(), *graphs()]
     reference_ms = float(np.median(timings[-1].processor))
@@ -176,15 +183,20 @@ def main() -> int:
     worse = failures(rows, json.loads(BASELINE.read_text())["cases"]) if arguments.gate else []
     if arguments.update_baseline:
         BASELINE.write_text(json.dumps({"cases": rows}, indent=2) + "\n")
-    if arguments.json:
-        print(json.dumps({"cases": rows}))
-    else:
-        print("".join(f"{key:>20}" for key in rows[0]))
-        for one in rows:
-            print("".join(f"{value!s:>20}" for value in one.values()))
+    show(rows, arguments.json)
     for sentence in worse:
         print(sentence, file=sys.stderr)
     return 1 if worse else 0
+
+
+def show(rows: Sequence[Row], as_json: bool) -> None:
+    """Print the results as a table, or as one JSON object."""
+    if as_json:
+        print(json.dumps({"cases": rows}))
+        return
+    print("".join(f"{key:>24}" for key in rows[0]))
+    for one in rows:
+        print("".join(f"{value!s:>24}" for value in one.values()))
 
 
 if __name__ == "__main__":

@@ -149,8 +149,9 @@ class Tracker:
 
     @property
     def background(self) -> Background | None:
-        """The untouched gel as it is known now; None before the first images, and without images."""
-        return self._gate.background
+        """A copy of the untouched gel as it is known now; None before the first images, and without images."""
+        background = self._gate.background
+        return None if background is None else background.copy()
 
     def _check(self, frame: Frame, measurements: Sequence[Measurement]) -> CheckedFrame:
         """Refuse implausible input, correct the sensor's pose, and decide contact."""
@@ -168,7 +169,7 @@ class Tracker:
         is_blind = checked.evidence.touches_since_start and self._touch.reads_images
         if not frame.contact or is_blind or not checked.shows_touch:
             return ()
-        measured = self._touch.read(frame, checked.background)
+        measured = self._touch.read(frame, checked.background, checked.light)
         return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
 
     def _accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:

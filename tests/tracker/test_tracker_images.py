@@ -2,6 +2,8 @@
 
 import dataclasses
 import shutil
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -192,3 +194,27 @@ def test_learnt_touch_that_is_asked_for_takes_no_grey_images_but_by_a_model_of_o
     model = palpate.TouchModel(tmp_path / "model")
     own = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"), model)
     assert own.update(frame).status == "resting"
+
+
+WITHOUT_OPENCV = """
+import sys
+import numpy as np
+import palpate
+
+gel = np.random.default_rng(0).integers(98, 103, (60, 320, 240, 3), np.uint8) + np.uint8([20, 0, 10])
+gel[30:, 100:140, 90:110] += 60
+gel[30:, 102:138, 110:130] -= 50
+gel[40:, 250:256, 30:36] -= 60  # a grain, which is taken into the untouched gel
+tracker = palpate.Tracker(palpate.Rectangle(0.2, 0.15), palpate.DIGIT, (0.12, 0.0, 0.0))
+for k, image in enumerate(gel):
+    estimate = tracker.update(palpate.Frame(k / 30.0, np.array([5e-4 * k, 0.0, 0.0]), image=image))
+assert estimate.contact
+assert abs(tracker.background.mean[253, 33, 0] - 60.0) < 5.0
+heavy = {"cv2", "matplotlib", "scipy.linalg", "scipy.spatial", "scipy.ndimage", "scipy.special", "scipy.optimize"}
+print(*sorted(heavy & set(sys.modules)))
+"""
+
+
+def test_images_in_arrays_need_neither_opencv_nor_scipy_nor_matplotlib():
+    done = subprocess.run([sys.executable, "-c", WITHOUT_OPENCV], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "\n"), done.stderr

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from palpate.arrays import Array
 from palpate.status import InputEvidence
 from palpate.touch.background import Background
+from palpate.touch.cells import Light
 from palpate.types.measurements import Frame
 
 
@@ -37,6 +38,8 @@ class CheckedFrame:
     """Largest distance by which the object may have been pushed while it was not observed [m], if a contact ends."""
     background: Background | None
     """The untouched gel as known now; None before the first images, and without images."""
+    light: Light | None
+    """The light in the image relative to the untouched gel's; None where it was not compared with that."""
     shows_touch: bool
     """True if the contact shows in the image, or is given; False where it goes on unseen."""
     evidence: InputEvidence

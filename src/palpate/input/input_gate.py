@@ -106,8 +106,9 @@ class InputGate:
             clearance = predicted.clearance(frame.sensor_pose) if self._needs_clearance() else None
             seen = self._look_at(frame.time, frame.image, clearance, refuses_grey)
         goes_on_unseen = self._goes_on_unseen(seen, frame.sensor_pose, predicted)
-        if seen.contact and seen.image is not None and self.background is not None:
-            self._changes.add(seen.image, self.background)
+        cells = self._detector.cells
+        if seen.contact and seen.image is not None and cells is not None and self.background is not None:
+            self._changes.add(cells, self.background)
         else:
             self._changes.clear()
         in_contact = seen.contact or goes_on_unseen
@@ -133,6 +134,7 @@ class InputGate:
             ends_contact=was_in_contact and (motion.was_unobserved or not in_contact),
             unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,
             background=self.background,
+            light=self._detector.light,
             shows_touch=seen.contact,
             evidence=InputEvidence(
                 motion.hidden, seen.touches_since_start, self._detector.doubt, weakness, self._poses.push_angle

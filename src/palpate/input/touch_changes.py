@@ -8,10 +8,10 @@ from collections import deque
 
 import numpy as np
 
-from palpate.arrays import Image, Levels
+from palpate.arrays import Levels
 from palpate.config import CONTACT_DETECTION
 from palpate.touch.background import Background, first_frames
-from palpate.touch.cells import cells_of, compare
+from palpate.touch.cells import compare
 
 _SHOWS_MOTION = 2.0 * CONTACT_DETECTION.start
 """Share of an image's values that change in half a second of motion, from which a touch shows that the sensor moves:
@@ -25,15 +25,13 @@ class TouchChanges:
         """Take the sensor's frame rate [Hz]."""
         self._window = first_frames(rate)  # half a second
         self._cells: deque[Levels] = deque(maxlen=2 * self._window)
-        self._tolerance = np.zeros(1, np.float32)  # [grey levels] of each value
+        self._noise = np.zeros(1, np.float32)  # [grey levels] of each value of an image
         self._moving = 0.0  # change in half a second before the pose stood
 
-    def add(self, image: Image, untouched: Background) -> None:
-        """Add the image of another frame of the contact."""
-        self._cells.append(cells_of(image))
-        least = np.float32(CONTACT_DETECTION.least_deviation)
-        of_difference = np.float32(CONTACT_DETECTION.significant * np.sqrt(2.0))
-        self._tolerance = of_difference * np.maximum(untouched.noise, least)
+    def add(self, cells: Levels, untouched: Background) -> None:
+        """Add the cells of the image of another frame of the contact."""
+        self._cells.append(cells)
+        self._noise = untouched.noise
 
     def clear(self) -> None:
         """Forget the contact, as it is over or has no images."""
@@ -56,4 +54,6 @@ class TouchChanges:
         """Return the share of values that changed from one image to another, so many before the newest."""
         if not last < first < len(self._cells):
             return 0.0
-        return compare(self._cells[-1 - last], self._cells[-1 - first], self._tolerance)
+        of_difference = np.sqrt(2.0) * np.maximum(self._noise, CONTACT_DETECTION.least_deviation)
+        tolerance = np.asarray(CONTACT_DETECTION.significant * of_difference, np.float32)
+        return compare(self._cells[-1 - last], self._cells[-1 - first], tolerance)

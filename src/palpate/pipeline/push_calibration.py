@@ -142,7 +142,9 @@ def read_push(recording: Recording, model: TouchModel, calibration: Calibration)
             is_touched = detector.update(image)
         if was_touched and not is_touched:
             touch.end_contact()
-        read = touch.read(replace(frame, image=image), detector.background) if is_touched else ()
+        read: Sequence[Measurement] = ()
+        if is_touched:
+            read = touch.read(replace(frame, image=image), detector.background, detector.light)
         measurements.append(tuple(read))
         contact.append(is_touched)
         was_touched = is_touched

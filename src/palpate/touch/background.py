@@ -8,17 +8,32 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import Image, Levels
+from palpate.arrays import Flags, Image, Levels
 from palpate.config import CONTACT_DETECTION
 from palpate.errors import SettingError
-from palpate.touch.cells import NEIGHBOURS, cells_of, change_in_light, compare, is_dark, is_flat, is_grey, third_of_cell
+from palpate.touch.cells import (
+    NEIGHBOURS,
+    cells_of,
+    change_in_light,
+    compare,
+    is_dark,
+    is_flat,
+    is_grey,
+    light_in,
+    move_towards,
+    third_of_cell,
+)
+from palpate.touch.neighbours import closed, largest_near, spots_of
 
 logger = logging.getLogger(__name__)
 
 MOVED_LEVELS = 8.0
 """Change of a cell [grey levels] that images of one gel at rest do not have; 12 would miss the start of contacts."""
-MARKER_LEVELS = 12.0
+MARKER_LEVELS = 12.5
 """Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have some."""
+
+_GREY = np.array([0.299, 0.587, 0.114], np.float32)
+"""Share of each colour in the brightness that people see (ITU-R BT.601)."""
 
 AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
 
@@ -32,10 +47,17 @@ class Background:
     noise: Levels
     """Standard deviation of the cells over time, in the light of each image, (rows, columns, 3) [grey levels]."""
 
-    def followed(self, image: Image, part: float) -> "Background":
-        """Return the background with its mean moved towards an image (height, width, 3) by the fraction `part`."""
-        change = image.astype(np.float32) - self.mean
-        return replace(self, mean=self.mean + np.float32(part) * change)
+    def follow(self, image: Image, part: float) -> "Background":
+        """Move the mean towards an image (height, width, 3) by the fraction `part`, in place.
+
+        Return the background as another object, which tells readers that it has changed.
+        """
+        move_towards(self.mean, image, part)
+        return replace(self)
+
+    def copy(self) -> "Background":
+        """Return a background that does not change with this one."""
+        return replace(self, mean=self.mean.copy())
 
 
 def background_of(images: Iterable[Image]) -> Background:
@@ -49,7 +71,7 @@ def background_of(images: Iterable[Image]) -> Background:
         cells = cells_of(image)
         if first_cells is None:
             first_cells = cells
-        change = change_in_light(cells, first_cells).astype(np.float64)
+        change = change_in_light(cells, first_cells, light_in(cells, first_cells)).astype(np.float64)
         count += 1
         sum_of_images = sum_of_images + image
         sum_of_changes = sum_of_changes + change
@@ -165,36 +187,28 @@ def warn_if_bordered(images: Iterable[Image], name: str = "the first images") ->
 
 def has_markers(image: AnyImage) -> bool:
     """Return true if an image (height, width, 3) of an untouched gel shows markers over the area of a touch."""
-    import cv2
-
     dark, _ = _dark_dots(image)
-    _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
-    components = stats[1:]  # the first is what is not dark
-    extent = components[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
+    spots = spots_of(dark)
     edge, size = _edge_and_size(image)
+    extent = spots.extent[1:]  # the first is what is not dark
     are_dots = ((extent >= edge) & (extent < size)).all(axis=1)
-    return components[are_dots, cv2.CC_STAT_AREA].sum() > CONTACT_DETECTION.start * dark.size
+    return bool(spots.area[1:][are_dots].sum() > CONTACT_DETECTION.start * dark.size)
 
 
 def without_markers(image: AnyImage) -> AnyImage:
     """Return an image (height, width, 3) in which markers look like the gel around them."""
-    import cv2
-
     dark, filled = _dark_dots(image)
     edge, _ = _edge_and_size(image)
-    hidden = cv2.dilate(dark, np.ones((edge, edge), np.uint8))
-    unmarked: Any = cv2.copyTo(filled, hidden, image.copy())
+    unmarked: Any = np.where(largest_near(dark, edge)[..., None], filled, image)
     return unmarked
 
 
-def _dark_dots(image: NDArray[Any]) -> tuple[NDArray[np.uint8], Any]:
+def _dark_dots(image: AnyImage) -> tuple[Flags, AnyImage]:
     """Return a mask (height, width) of small dark dots, and the image with them filled by a morphological closing."""
-    import cv2
-
     _, size = _edge_and_size(image)
-    filled = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
-    darker = cv2.cvtColor(cv2.subtract(filled, image), cv2.COLOR_RGB2GRAY)
-    return (darker > MARKER_LEVELS).astype(np.uint8), filled
+    filled = closed(image, size)
+    darker = (filled - image) @ _GREY
+    return darker > MARKER_LEVELS, filled
 
 
 def _edge_and_size(image: NDArray[Any]) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from palpate.arrays import Image, Levels, Records
 from palpate.compiled import compiled, kernel
 from palpate.config import CONTACT_DETECTION
+from palpate.touch.neighbours import median_near
 
 Pixels = TypeVar("Pixels", bound=NDArray[Any])
 Light = NDArray[np.float64]
@@ -83,76 +84,90 @@ def wide_cells_of(image: Image) -> Levels:
 
     Images of so few pixels that a third of a cell has less than one are not filtered.
     """
-    import cv2
-
     height, width = image.shape[:2]
     pixels = cell_width(height, width)
     sample = third_of_cell(height, width)
     if sample < 1.0:
         return cells_of(image)
     samples = np.rint(area_means(image, round(height / sample), round(width / sample))).astype(np.uint8)
-    thick = np.asarray(cv2.medianBlur(samples, NEIGHBOURS), np.uint8)
-    return area_means(thick, round(height / pixels), round(width / pixels))
+    return area_means(median_near(samples, NEIGHBOURS), round(height / pixels), round(width / pixels))
 
 
 def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
     """Return the means (rows, columns, 3) of an image (height, width, 3) over areas of equal size.
 
-    The result is that of OpenCV's INTER_AREA, in a quarter of the time.
+    The result is that of OpenCV's INTER_AREA, in a quarter of the time. Its channels lie apart, see `channels_apart`.
     """
-    return _area_means(np.ascontiguousarray(image), rows, columns)
+    return _area_means(np.ascontiguousarray(image), rows, columns).transpose(1, 2, 0)
 
 
-def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32) -> float:
+def channels_apart(levels: Levels) -> Levels:
+    """Return levels (rows, columns, 3) with each channel in one piece of memory, as compiled functions read them."""
+    return _by_channel(levels).transpose(1, 2, 0)
+
+
+def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32, light: Light | None = None) -> float:
     """Return the share of values of cells (rows, columns, 3) that differ from the untouched gel's by over a tolerance.
 
-    The untouched gel is taken in the light of the cells. That is a plane over the image for each channel, fitted
-    robustly, so that a touch of less than half of the pad does not change it.
+    The untouched gel is taken in the light of the cells, which is fitted unless it is given.
     """
-    return np.count_nonzero(np.abs(change_in_light(cells, untouched)) > tolerance) / cells.size
+    if light is None:
+        light = light_in(cells, untouched)
+    tolerances: Levels = np.broadcast_to(tolerance, cells.shape)  # pyright: ignore[reportAssignmentType]
+    return _count_changed(_by_channel(cells), _by_channel(untouched), light, _by_channel(tolerances)) / cells.size
 
 
-def change_in_light(image: Levels, untouched: Levels, columns: int | None = None) -> Levels:
-    """Return the change (rows, width, 3) of an image from the untouched gel, taken in the light of the image.
+def light_in(cells: Levels, untouched: Levels, start: Light | None = None) -> Light:
+    """Return the light in cells (rows, columns, 3) relative to the untouched gel's, a plane for each channel.
 
-    The light is fitted to means over so many columns, by default to all values.
+    The planes are fitted robustly, so that a touch of less than half of the pad does not change them. The fit starts at
+    `start`, by default at the median.
     """
-    if columns is None:
-        light = _fitted_light(image, untouched)
+    levels = _by_channel(cells)
+    untouched_levels = _by_channel(untouched)
+    if start is None:
+        planes = np.zeros((len(levels), 3))
+        planes[:, 0] = np.median(levels / np.maximum(untouched_levels, np.float32(1.0)), axis=(1, 2))
     else:
-        light = _fitted_light(area_means(image, len(image), columns), area_means(untouched, len(untouched), columns))
-    return _change(image, untouched, light)
-
-
-def _fitted_light(cells: Levels, untouched: Levels) -> Light:
-    """Return the light in cells relative to the untouched gel's, by reweighted least squares that start at medians."""
-    levels = np.ascontiguousarray(cells.transpose(2, 0, 1))
-    untouched_levels = np.ascontiguousarray(untouched.transpose(2, 0, 1))
-    channels = len(levels)
-    count = levels[0].size
-    middle = [(count - 1) // 2, count // 2]
-    ratios = (levels / np.maximum(untouched_levels, np.float32(1.0))).reshape(channels, -1)
-    planes = np.zeros((channels, 3))
-    planes[:, 0] = np.partition(ratios, middle)[:, middle].mean(axis=1)
+        planes = start.copy()
     _fit_planes(levels, untouched_levels, planes)
     return planes
 
 
+def change_in_light(image: Levels, untouched: Levels, light: Light) -> Levels:
+    """Return the change (rows, columns, 3) of an image from the untouched gel in a light; its channels lie apart."""
+    return _change(_by_channel(image), _by_channel(untouched), light).transpose(1, 2, 0)
+
+
+def move_towards(levels: Levels, image: Image, part: float) -> None:
+    """Move levels towards an image of the same shape by a fraction of the way, in place."""
+    _move_towards(levels.reshape(-1), image.reshape(-1), np.float32(part))
+
+
+def _by_channel(levels: Levels) -> Levels:
+    """Return levels (rows, columns, 3) as (3, rows, columns); those that lie so already are not copied."""
+    return np.ascontiguousarray(levels.transpose(2, 0, 1))
+
+
 @compiled
 def _area_means(image: Records, rows: int, columns: int) -> Records:
-    """Return the means (rows, columns, 3) over areas: first down each column of pixels, then along the row of sums."""
+    """Return the means (3, rows, columns) over areas: first down each column of pixels, then along the row of sums."""
     height, width, _ = image.shape
-    out = np.empty((rows, columns, 3), np.float32)
+    out = np.empty((3, rows, columns), np.float32)
     lines = image.reshape(height, 3 * width)
     area_height = height / rows
     area_width = width / columns
     weights = np.empty((columns, int(area_width) + 2), np.float32)  # of the pixels of each area, from left to right
+    first = np.empty(columns, np.int64)
+    beyond = np.empty(columns, np.int64)  # the pixel behind each area
     for column in range(columns):
         left = column * area_width
         right = (column + 1) * area_width
-        for x in range(int(left), min(math.ceil(right - 1e-9), width)):
+        first[column] = int(left)
+        beyond[column] = min(math.ceil(right - 1e-9), width)
+        for x in range(first[column], beyond[column]):
             weight = (min(x + 1.0, right) - max(float(x), left)) / (area_height * area_width)
-            weights[column, x - int(left)] = np.float32(weight)
+            weights[column, x - first[column]] = np.float32(weight)
     line = np.empty(3 * width, np.float32)
     for row in range(rows):
         top = row * area_height
@@ -163,36 +178,70 @@ def _area_means(image: Records, rows: int, columns: int) -> Records:
             for i in range(3 * width):  # one long loop, which the compiler turns into vector instructions
                 line[i] += weight * np.float32(lines[y, i])
         for column in range(columns):
-            first = int(column * area_width)
             # Three sums side by side: an addition to one need not wait for the last addition to another.
             red = np.float32(0.0)
             green = np.float32(0.0)
             blue = np.float32(0.0)
-            for x in range(first, min(math.ceil((column + 1) * area_width - 1e-9), width)):
-                weight = weights[column, x - first]
+            for x in range(first[column], beyond[column]):
+                weight = weights[column, x - first[column]]
                 red += weight * line[3 * x]
                 green += weight * line[3 * x + 1]
                 blue += weight * line[3 * x + 2]
-            out[row, column, 0] = red
-            out[row, column, 1] = green
-            out[row, column, 2] = blue
+            out[0, row, column] = red
+            out[1, row, column] = green
+            out[2, row, column] = blue
     return out
 
 
 @compiled
-def _change(image: Records, untouched: Records, light: Light) -> Records:
-    """Return an image less the untouched gel (rows, columns, channels) in a light."""
-    rows, columns, channels = untouched.shape
-    out = np.empty((rows, columns, channels), np.float32)
-    for row in range(rows):
-        y = 2.0 * (row + 0.5) / rows - 1.0
-        for column in range(columns):
-            x = 2.0 * (column + 0.5) / columns - 1.0
-            for channel in range(channels):
-                brightness = light[channel, 0] + light[channel, 1] * x + light[channel, 2] * y
-                factor = np.float32(min(max(brightness, 1.0 / LARGEST_LIGHT_CHANGE), LARGEST_LIGHT_CHANGE))
-                out[row, column, channel] = image[row, column, channel] - factor * untouched[row, column, channel]
+def _change(image: Levels, untouched: Levels, light: Light) -> Levels:
+    """Return an image less the untouched gel (channels, rows, columns) in a light."""
+    channels, rows, columns = untouched.shape
+    out = np.empty((channels, rows, columns), np.float32)
+    for channel in range(channels):
+        plane = light[channel]
+        for row in range(rows):
+            y = _middle(row, rows)
+            for column in range(columns):
+                factor = _brightness(plane, _middle(column, columns), y)
+                out[channel, row, column] = image[channel, row, column] - factor * untouched[channel, row, column]
     return out
+
+
+@compiled
+def _count_changed(cells: Levels, untouched: Levels, light: Light, tolerance: Levels) -> int:
+    """Return the count of values of cells (channels, rows, columns) off the untouched gel's by over a tolerance."""
+    channels, rows, columns = cells.shape
+    count = 0
+    for channel in range(channels):
+        plane = light[channel]
+        for row in range(rows):
+            y = _middle(row, rows)
+            for column in range(columns):
+                factor = _brightness(plane, _middle(column, columns), y)
+                change = cells[channel, row, column] - factor * untouched[channel, row, column]
+                count += abs(change) > tolerance[channel, row, column]
+    return count
+
+
+@compiled
+def _move_towards(levels: Levels, image: Image, part: Any) -> None:
+    """Move levels (N,) towards an image in one pass, in a seventh of the time of NumPy's three."""
+    for i in range(len(levels)):
+        levels[i] += part * (np.float32(image[i]) - levels[i])
+
+
+@kernel
+def _middle(index: int, count: int) -> float:
+    """Return the middle of a row or column of an image, from -1 to 1."""
+    return (2 * index + 1) * (1.0 / count) - 1.0
+
+
+@kernel
+def _brightness(plane: Light, x: float, y: float) -> Any:
+    """Return the brightness of a plane at a place of an image relative to the untouched gel's, in its limits."""
+    brightness = plane[0] + plane[1] * x + plane[2] * y
+    return np.float32(min(max(brightness, 1.0 / LARGEST_LIGHT_CHANGE), LARGEST_LIGHT_CHANGE))
 
 
 _IN_ANY_ORDER = {"reassoc"}
@@ -225,7 +274,7 @@ def _sum_normal_equations(cells: Levels, untouched: Levels, plane: Light, system
     for i in range(3):
         system[i, i] = 1.0  # so that a black channel has a solution
     for row in range(rows):
-        y = 2.0 * (row + 0.5) / rows - 1.0
+        y = _middle(row, rows)
         brightness_of_row = plane[0] + plane[2] * y
         # Sums over the row of the weight w and of the weighted residual r, each with powers of x.
         w = 0.0
@@ -234,7 +283,7 @@ def _sum_normal_equations(cells: Levels, untouched: Levels, plane: Light, system
         r = 0.0
         r_x = 0.0
         for column in range(columns):
-            x = 2.0 * (column + 0.5) / columns - 1.0
+            x = _middle(column, columns)
             level = np.float64(untouched[row, column])
             residual = cells[row, column] - (brightness_of_row + plane[1] * x) * level
             robust_level = level / (1.0 + (residual / _OUTLIER) ** 2)

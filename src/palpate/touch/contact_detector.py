@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -11,8 +12,19 @@ from palpate.config import CONTACT_DETECTION
 from palpate.errors import FileError, SettingError
 from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
 from palpate.touch.calibration import Calibration, check_view, mismatch
-from palpate.touch.cells import cells_of, compare, is_grey, sparse_pixels, wide_cells_of
+from palpate.touch.cells import (
+    ACROSS,
+    Light,
+    cells_of,
+    channels_apart,
+    compare,
+    is_grey,
+    light_in,
+    sparse_pixels,
+    wide_cells_of,
+)
 from palpate.touch.marks import new_marks, with_marks
+from palpate.touch.neighbours import spots_of
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
@@ -48,12 +60,15 @@ class ContactDetector:
             wrong = mismatch(calibration, sensor)
             if wrong:
                 raise SettingError(wrong)
-        # Compile or load the functions that read images now, not at the robot's first image.
-        cells_of(background_of([np.zeros((1, 1, 3), np.uint8)]).mean)
+        _load_compiled()
         self.background: Background | None = None
         """The untouched gel at present; None while the first images are collected."""
         self.share = 0.0
         """Share of the last image's values that differ significantly from the untouched gel, 0 to 1."""
+        self.cells: Levels | None = None
+        """Cells (rows, columns, 3) of the last image that was compared with the untouched gel; None before one was."""
+        self.light: Light | None = None
+        """Light in that image, relative to the untouched gel's; None before one was compared."""
         self.new_view: Background | None = None
         """The steady view that the images refused last showed for half a second, as of a camera that was set up late;
         otherwise None."""
@@ -113,24 +128,30 @@ class ContactDetector:
                 self._use(first_background)
             return False
         cells = cells_of(image)
-        share = self._significant_share(image, cells)
+        light = light_in(cells, self._untouched_cells, self.light)
+        share = self._significant_share(image, cells, light)
         self._check_gel(image, cells, share)
         self._check_not_repeated(image)
         if self._takes_marks(image):
-            share = self._significant_share(image, cells)
+            light = light_in(cells, self._untouched_cells, light)
+            share = self._significant_share(image, cells, light)
         self.share = share
+        self.cells = cells
+        self.light = light
         self._touched = share > (CONTACT_DETECTION.end if self._touched else CONTACT_DETECTION.start)
         if not self._touched:
             self._doubted = ""
         if self.share <= CONTACT_DETECTION.end:
             self._untouched_images += 1
             if self._untouched_images % BACKGROUND_EVERY == 0:
-                self._use(self.background.followed(image, BACKGROUND_EVERY / BACKGROUND_MEMORY))
+                self._follow(image, cells)
         return self._touched
 
     def forget(self) -> None:
         """Forget the untouched gel and take the next images as untouched: what looked like a touch was a change."""
         self.background = None
+        self.cells = None
+        self.light = None
         self._last = None
         self._touched = False
         self._doubted = ""
@@ -144,14 +165,23 @@ class ContactDetector:
         self._use(replace(gel, mean=without_markers(gel.mean)) if self._has_markers else gel)
 
     def _use(self, background: Background) -> None:
-        """Set the background, and what images are compared with."""
-        self.background = background
-        self._cells = cells_of(background.mean)
+        """Set the background, as a copy that is followed in place, and what images are compared with."""
+        self.background = background.copy()
+        self._untouched_cells = cells_of(background.mean)
         self._wide_cells: Levels | None = None  # computed when they are first needed
         self._shares_last_filtered: tuple[float, float] | None = None
         self._is_grey = is_grey(background.mean)
         deviation = np.maximum(background.noise, np.float32(CONTACT_DETECTION.least_deviation))
-        self._tolerance = np.float32(CONTACT_DETECTION.significant) * deviation
+        self._tolerance = channels_apart(np.float32(CONTACT_DETECTION.significant) * deviation)
+
+    def _follow(self, image: Image, cells: Levels) -> None:
+        """Move the background towards an untouched image, of these cells."""
+        assert self.background is not None
+        part = BACKGROUND_EVERY / BACKGROUND_MEMORY
+        self.background = self.background.follow(image, part)
+        self._untouched_cells += np.float32(part) * (cells - self._untouched_cells)
+        self._wide_cells = None
+        self._shares_last_filtered = None
 
     def _takes_marks(self, image: Image) -> bool:
         """Take marks that are not in the last image into the untouched gel; return true if there are any."""
@@ -164,24 +194,26 @@ class ContactDetector:
         self._use(replace(self.background, mean=with_marks(self.background.mean, marks, image, last)))
         return True
 
-    def _significant_share(self, image: Image, cells: Levels) -> float:
+    def _significant_share(self, image: Image, cells: Levels, light: Light) -> float:
         """Return the share of values that differ significantly from the untouched gel, without that of scratches."""
         if is_grey(image) != self._is_grey:  # the camera has changed its mode, or sees nothing
             return 1.0
-        share = compare(cells, self._cells, self._tolerance)
+        share = compare(cells, self._untouched_cells, self._tolerance, light)
         if share <= CONTACT_DETECTION.end:
             return share
-        wide_share = self._share_of_wide_details(image, share)
+        wide_share = self._share_of_wide_details(image, share, light)
         return wide_share if wide_share < SCRATCH_SHARE * share else share
 
-    def _share_of_wide_details(self, image: Image, share: float) -> float:
+    def _share_of_wide_details(self, image: Image, share: float, light: Light) -> float:
         """Return the share without details as thin as scratches, computed anew only if the whole share has changed."""
         if self._wide_cells is None:  # most frames do without
             assert self.background is not None
             self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
         last = self._shares_last_filtered
         if last is None or abs(share - last[0]) > 0.1 * share:  # a touch adds more
-            last = (share, compare(wide_cells_of(image), self._wide_cells, self._tolerance))
+            wide_cells = wide_cells_of(image)
+            of_wide_cells = light_in(wide_cells, self._wide_cells, light)
+            last = (share, compare(wide_cells, self._wide_cells, self._tolerance, of_wide_cells))
             self._shares_last_filtered = last
         return last[1]
 
@@ -196,7 +228,9 @@ class ContactDetector:
         if share <= CONTACT_DETECTION.start or (shows_gel and self._sparse is not None):
             return
         check_view(
-            cells, self._cells, f"the untouched gel of {self._doubted}" if self._doubted else "the untouched gel"
+            cells,
+            self._untouched_cells,
+            f"the untouched gel of {self._doubted}" if self._doubted else "the untouched gel",
         )
         if not shows_gel:
             expected = "what was seen in the first half second or is in the calibration: is"
@@ -219,6 +253,19 @@ class ContactDetector:
                 f"image: found the same {self._repeats} times, to the last bit; expected is some noise, as there was "
                 "before: the camera stands still"
             )
+
+
+@cache
+def _load_compiled() -> None:
+    """Compile or load the functions that read images: before the robot's first image, not at it."""
+    image = np.zeros((1, 1, 3), np.uint8)
+    gel = background_of([image])
+    cells = cells_of(gel.mean)
+    compare(cells, cells, np.float32(1.0))
+    wide_cells_of(np.zeros((ACROSS * 3, ACROSS * 3, 3), np.uint8))
+    gel.follow(image, 0.0)
+    spots_of(np.zeros((1, 1), np.bool_))
+    new_marks(image, image)
 
 
 def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:

@@ -5,14 +5,14 @@ under them. A touch is wider, as the gel spreads it, and what it changes over a 
 that goes again leaves in the same way.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import Image, Levels
+from palpate.arrays import Flags, Image, Levels
+from palpate.compiled import compiled
 from palpate.config import CONTACT_DETECTION
 from palpate.touch.cells import cell_width
+from palpate.touch.neighbours import largest_near, least_near, spots_of
 
 JUMP = 16
 """Change of a pixel from one image to the next [grey levels] that a mark makes and noise does not."""
@@ -34,60 +34,76 @@ MOST_MOVED = 0.04
 """Share of an image that changes more widely while a touch slides; where one begins or ends within one image, 0.07 to
 0.7 of real ones do, and what is small may be of it."""
 
-Mask = NDArray[np.bool_]
 
-
-def new_marks(image: Image, before: Image) -> Mask | None:
+def new_marks(image: Image, before: Image) -> Flags | None:
     """Return the pixels (height, width) of marks in an image (height, width, 3) that are not in the one before.
 
     None if there are none, or if a touch begins, ends or jumps, so that what is small may be of it.
     """
-    import cv2
-
-    every_other_row = cv2.absdiff(image[::2], before[::2]).reshape(-1, 3 * image.shape[1])
-    jumps = 2 * cv2.countNonZero(cv2.threshold(every_other_row, JUMP, 1, cv2.THRESH_BINARY)[1])
+    jumps = 2 * _jumps_in_every_other_row(_lines(image), _lines(before))
     if not LEAST_JUMPS <= jumps <= MOST_MOVED * image.size:
         return None  # at once, as for most images
-    jumped = _are_above(JUMP, cv2.absdiff(image, before))
-    changed = _are_above(EDGE, cv2.absdiff(cv2.blur(image, (3, 3)), cv2.blur(before, (3, 3))))
+    change = image.astype(np.int16) - before
+    jumped = _are_above(JUMP, change)
+    changed = _are_above(9 * EDGE, _sum_of_nine(change))
     cell = cell_width(*changed.shape)
-    square = np.ones((round(THIN * cell),) * 2, np.uint8)
-    wide = np.asarray(cv2.morphologyEx(changed, cv2.MORPH_OPEN, square))
-    if cv2.countNonZero(wide) > MOST_MOVED * wide.size:
+    width = round(THIN * cell)
+    inside_wide = least_near(changed, width)
+    wide = largest_near(inside_wide[::-1, ::-1], width)[::-1, ::-1]  # turned, as an even width is off by half a pixel
+    if np.count_nonzero(wide) > MOST_MOVED * wide.size:
         return None
-    count, spot_of, stats, _ = cv2.connectedComponentsWithStats(changed)
-    jumps_of = np.bincount(spot_of[jumped > 0], minlength=count)
-    are_thin = np.bincount(spot_of[wide > 0], minlength=count) == 0
-    are_small = (stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]] <= SMALL * cell).all(axis=1)
-    are_sharp = (jumps_of >= LEAST_JUMPS) & (jumps_of > SHARP * stats[:, cv2.CC_STAT_AREA])
+    spots = spots_of(changed)
+    count = len(spots.area)
+    jumps_of = np.bincount(spots.spot_of[jumped], minlength=count)
+    are_thin = np.bincount(spots.spot_of[wide], minlength=count) == 0
+    are_small = (spots.extent <= SMALL * cell).all(axis=1)
+    are_sharp = (jumps_of >= LEAST_JUMPS) & (jumps_of > SHARP * spots.area)
     are_sharp[0] = False  # all that has not changed
     marks = np.zeros_like(changed)
-    reach = np.ones((2 * round(cell) + 1,) * 2, np.uint8)
     for spot in np.flatnonzero(are_sharp & (are_thin | are_small)):
-        inside = (spot_of == spot).astype(np.uint8)
-        around = (np.asarray(cv2.dilate(inside, reach), np.uint8) & changed) > 0
-        if _is_brighter_or_darker(image[around].astype(np.int32) - before[around]):
+        inside = spots.spot_of == spot
+        around = largest_near(inside, 2 * round(cell) + 1) & changed
+        if _is_brighter_or_darker(change[around]):
             marks |= inside
-    return np.asarray(cv2.dilate(marks, np.ones((3, 3), np.uint8))) > 0 if marks.any() else None
+    return largest_near(marks, 3) if marks.any() else None
 
 
-def with_marks(mean: Levels, marks: Mask, image: Image, before: Image) -> Levels:
+def with_marks(mean: Levels, marks: Flags, image: Image, before: Image) -> Levels:
     """Return the untouched gel (height, width, 3) with marks as they appear from one image to the next."""
     marked = mean.copy()
     marked[marks] += image[marks].astype(np.float32) - before[marks]
     return np.clip(marked, 0.0, 255.0)
 
 
-def _is_brighter_or_darker(change: NDArray[np.int32]) -> bool:
+def _lines(image: Image) -> Image:
+    """Return the rows of an image (height, 3 * width) in one piece of memory."""
+    return np.ascontiguousarray(image).reshape(len(image), -1)
+
+
+@compiled
+def _jumps_in_every_other_row(lines: Image, before: Image) -> int:
+    """Return the number of values that have jumped."""
+    count = 0
+    for row in range(0, lines.shape[0], 2):
+        for i in range(lines.shape[1]):
+            count += max(lines[row, i], before[row, i]) - min(lines[row, i], before[row, i]) > JUMP
+    return count
+
+
+def _is_brighter_or_darker(change: NDArray[np.int16]) -> bool:
     """Return true if nearly all pixels (N, 3) have changed in one direction, in the colour that has changed most."""
     total = np.abs(change).sum(axis=0)
     return bool(abs(change.sum(axis=0)[total.argmax()]) > ONE_WAY * total.max())
 
 
-def _are_above(limit: int, levels: Any) -> NDArray[np.uint8]:
-    """Return 1 for pixels (height, width) with a channel above a limit, 0 for others."""
-    import cv2
+def _are_above(limit: int, change: NDArray[np.int16]) -> Flags:
+    """Return true for pixels (height, width) with a channel that has changed by more than a limit."""
+    are_above = np.abs(change) > limit
+    return are_above[..., 0] | are_above[..., 1] | are_above[..., 2]
 
-    red, green, blue = cv2.split(levels)
-    largest = cv2.max(cv2.max(red, green), blue)
-    return np.asarray(cv2.threshold(largest, limit, 1, cv2.THRESH_BINARY)[1], np.uint8)
+
+def _sum_of_nine(levels: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Return the sum (height, width, 3) over the 3 x 3 pixels about each."""
+    padded = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    of_rows = padded[:-2] + padded[1:-1] + padded[2:]
+    return of_rows[:, :-2] + of_rows[:, 1:-1] + of_rows[:, 2:]

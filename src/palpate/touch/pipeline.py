@@ -10,7 +10,7 @@ from palpate.errors import EstimationError, SettingError
 from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
-from palpate.touch.cells import is_grey
+from palpate.touch.cells import Light, is_grey
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,
@@ -110,10 +110,11 @@ class TouchReader:
             self.reason = f"images fit the touch model of the {self._model.settings.sensor}"
             self._is_open = False
 
-    def read(self, frame: Frame, background: Background | None) -> Sequence[Measurement]:
+    def read(self, frame: Frame, background: Background | None, light: Light | None = None) -> Sequence[Measurement]:
         """Return the measurements of a frame of contact; `background` is the untouched gel at present.
 
-        Images are compared with the untouched gel in their own light; during a contact it changes by new marks alone.
+        Images are compared with the untouched gel in their own light, which is fitted unless the contact detector has
+        done so; during a contact the gel changes by new marks alone.
         Raises EstimationError if a touch model has no image to read.
         """
         if self._own is not None:
@@ -127,7 +128,7 @@ class TouchReader:
         if self._background is not background:
             self._background = background
             self._mean = reduced(background.mean)
-        reading = self._model.read(difference_in_light(frame.image, self._mean))
+        reading = self._model.read(difference_in_light(frame.image, self._mean, light))
         return self._measurements(reading)
 
     def _measurements(self, reading: Reading) -> list[Measurement]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, SettingError, one_line
 from palpate.files import existing_file, read_json
-from palpate.touch.cells import area_means, change_in_light
+from palpate.touch.cells import Light, area_means, change_in_light, light_in
 from palpate.types.sensor import known_sensor
 
 Difference = NDArray[np.float32]
@@ -61,12 +61,16 @@ def reduced(image: NDArray[np.uint8] | Difference) -> Difference:
     return np.rint(means) if image.dtype == np.uint8 else means  # rounded as in training
 
 
-def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference) -> Difference:
+def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference, light: Light | None = None) -> Difference:
     """Return the difference (ROWS, COLUMNS, 3) of an image (height, width, 3) from the background's reduced mean.
 
-    The background is taken in the light of the image, which may have changed; it is fitted to ROWS x ROWS means.
+    The background is taken in the light of the image, which may have changed; unless the light is known, it is fitted
+    to ROWS x ROWS means. The channels lie apart, as the network reads them.
     """
-    return change_in_light(reduced(image), reduced_mean, ROWS) / np.float32(LEVELS)
+    reduced_image = reduced(image)
+    if light is None:
+        light = light_in(area_means(reduced_image, ROWS, ROWS), area_means(reduced_mean, ROWS, ROWS))
+    return change_in_light(reduced_image, reduced_mean, light) / np.float32(LEVELS)
 
 
 @dataclass(frozen=True)

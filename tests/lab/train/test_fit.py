@@ -58,8 +58,12 @@ def test_imprint_drops_faint_surroundings():
 
 
 def test_predicted_deviations_stay_within_limits():
-    found = gaussian(torch.tensor([[0.3, -1e9], [7.0, 1e9], [-2.0, 0.0]]))
+    first = [[0.3, -1e9], [70.0, 1e9], [-2.0, 0.0]]
+    second = [[0.0, 1e9, 40.0], [0.0, 0.0, 50.0], [0.0, -1e9, 60.0]]
+    found, other = gaussian(torch.cat([torch.tensor(first), torch.tensor(second)], dim=1), [2, 3])
     assert (0.5 * found[:, 1]).tolist() == pytest.approx([-6.0, 1.0, -2.5])
+    assert (0.5 * other[:, 1]).tolist() == pytest.approx([1.0, -2.5, -6.0])
+    assert found[:, 0].tolist() == pytest.approx([0.3, 70.0, -2.0]) and other[:, 2].tolist() == [40.0, 50.0, 60.0]
 
 
 def points(rng: np.random.Generator) -> torch.Tensor:

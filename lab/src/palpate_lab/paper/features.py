@@ -115,7 +115,7 @@ def keypoints_of(network: KeypointNetwork, images: Images) -> tuple[Array, Array
 def _bump(count: int, centre: Tensor) -> Tensor:
     """Return a Gaussian (B, 1, count) over the cells of a map's side, about centres (B, 1, 1) from -1 to 1."""
     blob = 0.1  # [share of the image] standard deviation
-    return torch.exp(-(((cell_centres(count) - centre) / (2.0 * blob)) ** 2) / 2.0)
+    return torch.exp(-(((torch.from_numpy(cell_centres(count)) - centre) / (2.0 * blob)) ** 2) / 2.0)
 
 
 def _tensor(difference: NDArray[np.float16]) -> Tensor:

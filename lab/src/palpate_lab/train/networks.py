@@ -4,6 +4,7 @@ import logging
 import warnings
 from collections.abc import Sequence
 from copy import deepcopy
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ WIDTH = 16
 _POINTS = 4  # key points
 _REDUCED = 8  # channels of the map that the layers below read
 _HIDDEN = 64  # values that all outputs share
+_FAINT = 0.2
+"""Difference that counts by half, see `imprint`."""
 
 
 class Encoder(nn.Module):
@@ -76,7 +79,11 @@ class TouchNetwork(nn.Module):
         points = keypoint(nn.functional.softplus(self.points(features))).flatten(1)
         coarse = nn.functional.avg_pool2d(torch.relu(self.reduce(features)), (MAP[0] // 2, 1)).flatten(1)
         body = torch.cat([self.body(torch.cat([coarse, points], dim=1)), points], dim=1)
-        return tuple(gaussian(self.get_submodule(name)(body)) for name in self.outputs)
+        # One product for all outputs, as each node of a small network costs ONNX Runtime more than its numbers.
+        heads = [self.get_submodule(name) for name in self.outputs]
+        weight = torch.cat([head.get_parameter("weight") for head in heads])
+        bias = torch.cat([head.get_parameter("bias") for head in heads])
+        return gaussian(nn.functional.linear(body, weight, bias), [len(head.get_parameter("bias")) for head in heads])
 
 
 class Together(nn.Module):
@@ -100,43 +107,55 @@ def imprint(difference: Tensor) -> Tensor:
     Simulation knows too little of that, and networks that see it read much into it on real gels. Differences of 0.2 (6
     grey levels) within 3 rows and 13 columns, about 2 mm of a DIGIT, count by half.
     """
-    strength = difference.abs().mean(dim=1, keepdim=True)
-    above = torch.from_numpy(_near(difference.shape[2], reach=1)).to(difference.device)
-    beside = torch.from_numpy(_near(difference.shape[3], reach=6)).to(difference.device)
-    # Products with matrices, as ONNX Runtime takes four times as long to pool.
-    strength = torch.matmul(above, strength) / above.sum(dim=1, keepdim=True)
-    strength = torch.matmul(strength, beside) / beside.sum(dim=0, keepdim=True)
-    fourth = (strength / 0.2) ** 4
+    channels, rows, columns = difference.shape[1:]
+    # Products with matrices, as ONNX Runtime takes four times as long to pool; the first also sums the channels.
+    above = np.tile(_mean_near(rows, reach=1), channels) / channels
+    beside = _mean_near(columns, reach=6).T
+    strength = torch.matmul(_constant(above, difference), difference.abs().flatten(1, 2))
+    strength = torch.matmul(strength, _constant(beside / _FAINT, difference)).unsqueeze(1)
+    square = strength * strength  # not a power, which takes five times as long
+    fourth = square * square
     return difference * (fourth / (fourth + 1.0))
 
 
-def _near(count: int, reach: int) -> NDArray[np.float32]:
-    """Return a matrix (count, count) of ones where row and column are at most so far apart."""
+def _mean_near(count: int, reach: int) -> NDArray[np.float32]:
+    """Return the matrix (count, count) that takes means over places at most so far apart."""
     places = np.arange(count)
-    return (np.abs(places[:, None] - places) <= reach).astype(np.float32)
+    are_near = (np.abs(places[:, None] - places) <= reach).astype(np.float32)
+    return are_near / are_near.sum(axis=1, keepdims=True)
+
+
+def _constant(values: NDArray[Any], like: Tensor) -> Tensor:
+    """Return values as a tensor of the type of another, on its device."""
+    return torch.from_numpy(values).to(like)
 
 
 def keypoint(activation: Tensor) -> Tensor:
     """Return the centres (B, K, 2) of positive maps (B, K, H, W): column and row, from -1 to 1."""
     height, width = activation.shape[-2:]
-    total = activation.sum(dim=(2, 3)) + 1e-6
-    across = cell_centres(width).to(activation.device)
-    down = cell_centres(height).to(activation.device)
-    column = (activation.sum(dim=2) * across).sum(dim=2) / total
-    row = (activation.sum(dim=3) * down).sum(dim=2) / total
-    return torch.stack([column, row], dim=-1)
+    row, column = np.meshgrid(cell_centres(height), cell_centres(width), indexing="ij")
+    summands = np.stack([column, row, np.ones_like(row)], axis=-1).reshape(-1, 3)
+    sums = torch.matmul(activation.flatten(2), _constant(summands, activation))
+    return sums[..., :2] / (sums[..., 2:] + 1e-6)
 
 
-def gaussian(output: Tensor) -> Tensor:
-    """Return outputs (B, 2 or more) whose second, a log variance, keeps that of the deviation [rad] from -6 to 1."""
+def gaussian(outputs: Tensor, sizes: Sequence[int]) -> tuple[Tensor, ...]:
+    """Return outputs (B, sum of sizes) one by one, the second value of each in the range of a log variance.
+
+    The logarithm of the deviation [rad] is kept from -6 to 1.
+    """
     middle = -5.0  # of the log variance
     half = 7.0
-    return torch.cat([output[:, :1], middle + half * torch.tanh(output[:, 1:2] / half), output[:, 2:]], dim=1)
+    is_log_variance = torch.tensor([k == 1 for size in sizes for k in range(size)], device=outputs.device)
+    squashed = middle + half * torch.tanh(outputs / half)
+    outputs = torch.where(is_log_variance, squashed, outputs)
+    ends = list(accumulate(sizes))
+    return tuple(outputs[:, end - size : end] for size, end in zip(sizes, ends, strict=True))
 
 
-def cell_centres(count: int) -> Tensor:
+def cell_centres(count: int) -> NDArray[np.float32]:
     """Return the centres (count,) of as many equal cells from -1 to 1."""
-    return torch.from_numpy((np.arange(count, dtype=np.float32) + np.float32(0.5)) * np.float32(2.0 / count) - 1)
+    return (np.arange(count, dtype=np.float32) + np.float32(0.5)) * np.float32(2.0 / count) - np.float32(1.0)
 
 
 def exported(network: TouchNetwork | Together, close: float = 1e-4) -> bytes:
@@ -157,6 +176,7 @@ def exported(network: TouchNetwork | Together, close: float = 1e-4) -> bytes:
             dynamo=True,
             optimize=False,
             external_data=False,
+            custom_translation_table={torch.ops.aten.softplus.default: _softplus},
             verbose=False,
         )
     assert program is not None
@@ -167,6 +187,13 @@ def exported(network: TouchNetwork | Together, close: float = 1e-4) -> bytes:
     if not worst < close:
         raise EstimationError(f"ONNX Runtime differs from torch by {worst:.2g}; {close} is allowed")
     return file
+
+
+def _softplus(x: Any, *_: Any) -> Any:
+    """Return ONNX's own node for a softplus, in place of nine that torch writes."""
+    from onnxscript import opset20
+
+    return opset20.Softplus(x)
 
 
 def restore(network: nn.Module, file: bytes) -> None:

@@ -1,0 +1,151 @@
+"""Filters over the neighbours of each pixel, and connected spots of a mask: what the gel's images need of OpenCV."""
+
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.arrays import Flags, Image, Integers
+from palpate.compiled import compiled, kernel
+
+Pixels = TypeVar("Pixels", bound=NDArray[Any])
+
+
+def largest_near(pixels: Pixels, width: int) -> Pixels:
+    """Return the largest value (height, width, ...) in a square about each pixel, of this width [px]."""
+    return _chosen_near(pixels, width, np.maximum)
+
+
+def least_near(pixels: Pixels, width: int) -> Pixels:
+    """Return the least value (height, width, ...) in a square about each pixel, of this width [px]."""
+    return _chosen_near(pixels, width, np.minimum)
+
+
+def closed(pixels: Pixels, width: int) -> Pixels:
+    """Return pixels (height, width, ...) in which what is dark and narrower than a width [px] is filled."""
+    return least_near(largest_near(pixels, width), width)
+
+
+def _chosen_near(pixels: Any, width: int, choose: np.ufunc) -> Any:
+    """Return the largest or least value in a square about each pixel; there is nothing beyond the border."""
+    beyond = (width // 2, width - 1 - width // 2)
+    chosen = np.pad(pixels, [beyond, beyond, *[(0, 0)] * (pixels.ndim - 2)], mode="edge")
+    span = 1  # width of the squares that values are chosen from so far
+    while span < width:
+        step = min(span, width - span)
+        chosen = choose(chosen[:-step], chosen[step:])
+        chosen = choose(chosen[:, :-step], chosen[:, step:])
+        span += step
+    return chosen
+
+
+def median_near(image: Image, width: int) -> Image:
+    """Return the median (rows, columns, 3) in a square about each pixel, of an odd width [px].
+
+    Beyond the border the image goes on as at it.
+    """
+    rows, columns, _ = image.shape
+    beyond = width // 2
+    padded = np.pad(image, ((beyond, beyond), (beyond, beyond), (0, 0)), mode="edge")
+    line = 3 * padded.shape[1]
+    shifts = np.array([row * line + 3 * column for row in range(width) for column in range(width)])
+    medians = np.empty(rows * line, np.uint8)
+    _set_medians(padded.ravel(), shifts, medians[: padded.size - shifts[-1]])
+    return medians.reshape(rows, -1, 3)[:, :columns]
+
+
+@compiled
+def _set_medians(values: NDArray[np.uint8], shifts: Integers, medians: NDArray[np.uint8]) -> None:
+    """Set the median of the values that lie behind each by these shifts, of which there are 2 n + 1.
+
+    It is neither the least nor the greatest of any n + 2 of them. So these two are dropped and the next is taken, until
+    one is left; for many values at a time, as the compiler turns that into vector instructions.
+    """
+    most = 1024
+    kept = np.empty((len(shifts) // 2 + 2, most), np.uint8)
+    for start in range(0, len(medians), most):
+        count = min(most, len(medians) - start)
+        for place in range(len(kept) - 1):
+            _copy(values[start + shifts[place] :], kept[place], count)
+        used = len(kept)
+        for taken in range(used - 1, len(shifts)):
+            _copy(values[start + shifts[taken] :], kept[used - 1], count)
+            for place in range(used - 1):  # the greatest comes last
+                _put_in_order(kept[place], kept[place + 1], count)
+            for place in range(used - 2):  # and the least before it
+                _put_in_order(kept[place + 1], kept[place], count)
+            used -= 1
+        _copy(kept[0], medians[start:], count)
+
+
+@kernel
+def _copy(source: NDArray[np.uint8], target: NDArray[np.uint8], count: int) -> None:
+    for i in range(count):
+        target[i] = source[i]
+
+
+@kernel
+def _put_in_order(low: NDArray[np.uint8], high: NDArray[np.uint8], count: int) -> None:
+    """Exchange two values where the first is greater."""
+    for i in range(count):
+        least = min(low[i], high[i])
+        high[i] = max(low[i], high[i])
+        low[i] = least
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """Connected spots of a mask, corners included; the first, 0, is all that is not set."""
+
+    spot_of: NDArray[np.int32]
+    """Index of the spot of each pixel, (height, width)."""
+    area: Integers
+    """Pixels of each spot, (N,)."""
+    extent: Integers
+    """Height and width of each spot, (N, 2) [px]; zero for the first."""
+
+
+def spots_of(mask: Flags) -> Spots:
+    """Return the connected spots of a mask (height, width)."""
+    spot_of = np.zeros(mask.shape, np.int32)
+    count = 1 + _fill_spots(np.ascontiguousarray(mask), spot_of)
+    extent = np.zeros((count, 2), np.int64)
+    places = np.nonzero(spot_of)
+    spot = spot_of[places]
+    for axis in (0, 1):
+        first = np.full(count, mask.shape[axis])
+        last = np.zeros(count, np.int64)
+        np.minimum.at(first, spot, places[axis])
+        np.maximum.at(last, spot, places[axis])
+        extent[1:, axis] = last[1:] - first[1:] + 1
+    return Spots(spot_of, np.bincount(spot_of.ravel(), minlength=count), extent)
+
+
+@compiled
+def _fill_spots(mask: Flags, spot_of: NDArray[np.int32]) -> int:
+    """Set the index of each spot's pixels, from 1 on, and return the number of spots."""
+    rows, columns = mask.shape
+    waiting = np.empty((mask.size, 2), np.int32)  # pixels whose neighbours are not yet looked at
+    count = 0
+    for first_row in range(rows):
+        for first_column in range(columns):
+            if not mask[first_row, first_column] or spot_of[first_row, first_column]:
+                continue
+            count += 1
+            spot_of[first_row, first_column] = count
+            waiting[0, 0] = first_row
+            waiting[0, 1] = first_column
+            left = 1
+            while left:
+                left -= 1
+                row = waiting[left, 0]
+                column = waiting[left, 1]
+                for y in range(max(row - 1, 0), min(row + 2, rows)):
+                    for x in range(max(column - 1, 0), min(column + 2, columns)):
+                        if mask[y, x] and not spot_of[y, x]:
+                            spot_of[y, x] = count
+                            waiting[left, 0] = y
+                            waiting[left, 1] = x
+                            left += 1
+    return count
