@@ -114,7 +114,7 @@ class Tracker:
             self._touch.end_contact()
             self._filter.end_contact(checked.unobserved_push)
         measured = self._measure(checked)
-        posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion)
+        posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
         self._accept(checked, measured)
         return self._estimate(checked, posterior)
 

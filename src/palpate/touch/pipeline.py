@@ -11,6 +11,7 @@ from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import is_grey
+from palpate.touch.imprint import sunk
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,
@@ -60,6 +61,8 @@ class TouchReader:
         """
         self.tactile: TactileChoice = tactile
         """Source of the measurements; in place of auto, the source chosen once the untouched gel is known."""
+        self.sunk = 0.0
+        """Indentation beyond the usual one, as the last image shows it [m]; 0 where no image is read."""
         self.reason = ""
         """Reason for that choice; empty if the source was given."""
         self._own = own
@@ -127,7 +130,9 @@ class TouchReader:
         if self._background is not background:
             self._background = background
             self._mean = reduced(background.mean)
-        reading = self._model.read(difference_in_light(frame.image, self._mean))
+        difference = difference_in_light(frame.image, self._mean)
+        self.sunk = sunk(difference)
+        reading = self._model.read(difference)
         return self._measurements(reading)
 
     def _measurements(self, reading: Reading) -> list[Measurement]:
@@ -151,6 +156,7 @@ class TouchReader:
 
     def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
+        self.sunk = 0.0
         if self._own is not None:
             self._own.end_contact()
 
