@@ -178,7 +178,8 @@ class Tracker:
 
     def _estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
-        verdict = decide(Evidence(posterior.evidence, checked.evidence))
+        stream = replace(checked.evidence, sunk=self._touch.sunk)
+        verdict = decide(Evidence(posterior.evidence, stream))
         estimate = posterior.estimate(checked.frame.time, verdict)
         return self._correction.at_frame_time(estimate, checked.corrected)
 

@@ -192,3 +192,7 @@ def test_learnt_touch_that_is_asked_for_takes_no_grey_images_but_by_a_model_of_o
     model = palpate.TouchModel(tmp_path / "model")
     own = Tracker(recording.shape, recording.sensor, np.zeros(3), TrackerSettings("learnt"), model)
     assert own.update(frame).status == "resting"
+
+
+def test_no_tip_is_said_to_have_sunk_in_at_an_object_of_a_kilogram(learnt):
+    assert not any("sunk in" in reason for reason in learnt.online.reason)

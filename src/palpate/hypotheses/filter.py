@@ -136,9 +136,9 @@ class MultiHypothesisFilter:
     ) -> Posterior:
         """Take a frame, with measurements that were read from touch images, which may be mirrored.
 
-        Since the last frame the sensor may have moved by `hidden_motion` [m]. Raises EstimationError if measurements
-        at rest leave no solution, with nothing changed, or if a contact has none at its first frame: the next frame
-        then begins another.
+        Since the last frame the sensor may have moved by `hidden_motion` [m]; its tip has `sunk` in by so much [m]
+        more than usual. Raises EstimationError if measurements at rest leave no solution, with nothing changed, or if a
+        contact has none at its first frame: the next frame then begins another.
         """
         if frame.contact:
             self._contact_step(frame.sensor_pose, [*from_touch, *frame.measurements], frame.time, len(from_touch), sunk)
@@ -190,7 +190,7 @@ class MultiHypothesisFilter:
         self._has_begun_anew = False
 
     def _contact_step(
-        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int, sunk: float = 0.0
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int, sunk: float
     ) -> None:
         """Take a frame of contact, whose first `from_touch` measurements are read from touch images.
 
