@@ -41,5 +41,5 @@ def sunk_with(before: float, difference: Difference, angle: float) -> float:
 
 
 def added_variance(sunk: float) -> float:
-    """Return what the variance of a direction grows by [rad^2] once the tip has sunk in so far [m]."""
+    """Return the growth of a direction's variance [rad^2] once the tip has sunk in so far [m]."""
     return (sunk / _MISREAD_BY_ONE) ** 4
