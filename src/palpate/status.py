@@ -33,6 +33,9 @@ VARIABLES: Mapping[str, str] = {
 
 SLANTED_PUSH = math.radians(12.0)
 """[rad] Angle of a push from the sensor's x axis from which a turned frame is asked about before turned images."""
+DEEP = 2.5e-3
+"""[m] Indentation beyond the usual one that no object of a kilogram shows in simulation."""
+
 MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
 """Sentence once touch images are taken as mirrored."""
 
@@ -51,6 +54,8 @@ class InputEvidence:
     """Weakness of the stream; empty if there is none."""
     push_angle: float = 0.0
     """Angle of the sensor's motion while it touches from its x axis [rad]; 0 while it is not known."""
+    sunk: float = 0.0
+    """Indentation of the tip beyond the usual one [m]."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +185,15 @@ def _orientation_of_images(on: Evidence) -> str:
     return ""
 
 
+def _depth_of(on: Evidence) -> str:
+    if on.input.sunk <= DEEP:
+        return ""
+    return (
+        f"the tip has sunk in by some {1e3 * on.input.sunk:.0f} mm more than usual, so that touch says little of where "
+        "the object is: it may be too heavy for this tip, or stuck"
+    )
+
+
 TABLE = (
     StatusRow(
         status="faulty",
@@ -248,7 +262,7 @@ def decide(evidence: Evidence) -> Verdict:
         sentences = [reason, evidence.input.weakness]
         if abs(evidence.input.push_angle) >= SLANTED_PUSH:
             sentences.reverse()  # a turned frame explains what follows
-        reason = _joined(evidence.input.doubt, *sentences)
+        reason = _joined(evidence.input.doubt, *sentences, _depth_of(evidence))
     return Verdict(row.status, reason)
 
 

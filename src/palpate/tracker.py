@@ -114,7 +114,7 @@ class Tracker:
             self._touch.end_contact()
             self._filter.end_contact(checked.unobserved_push)
         measured = self._measure(checked)
-        posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion)
+        posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
         self._accept(checked, measured)
         return self._estimate(checked, posterior)
 
@@ -179,7 +179,8 @@ class Tracker:
 
     def _estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
-        verdict = decide(Evidence(posterior.evidence, checked.evidence))
+        stream = replace(checked.evidence, sunk=self._touch.sunk)
+        verdict = decide(Evidence(posterior.evidence, stream))
         estimate = posterior.estimate(checked.frame.time, verdict)
         return self._correction.at_frame_time(estimate, checked.corrected)
 

@@ -218,3 +218,7 @@ print(*sorted(heavy & set(sys.modules)))
 def test_images_in_arrays_need_neither_opencv_nor_scipy_nor_matplotlib():
     done = subprocess.run([sys.executable, "-c", WITHOUT_OPENCV], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "\n"), done.stderr
+
+
+def test_no_tip_is_said_to_have_sunk_in_at_an_object_of_a_kilogram(learnt):
+    assert not any("sunk in" in reason for reason in learnt.online.reason)

@@ -131,15 +131,17 @@ class MultiHypothesisFilter:
         variances = belief.covariance[0].diagonal()[3:]
         return belief.values[0, places[name]].copy(), np.sqrt(variances[places[name]])
 
-    def step(self, frame: Frame, from_touch: Sequence[Measurement] = (), hidden_motion: float = 0.0) -> Posterior:
+    def step(
+        self, frame: Frame, from_touch: Sequence[Measurement] = (), hidden_motion: float = 0.0, sunk: float = 0.0
+    ) -> Posterior:
         """Take a frame, with measurements that were read from touch images, which may be mirrored.
 
-        Since the last frame the sensor may have moved by `hidden_motion` [m]. Raises EstimationError if measurements
-        at rest leave no solution, with nothing changed, or if a contact has none at its first frame: the next frame
-        then begins another.
+        Since the last frame the sensor may have moved by `hidden_motion` [m]; its tip has `sunk` in by so much [m]
+        more than usual. Raises EstimationError if measurements at rest leave no solution, with nothing changed, or if a
+        contact has none at its first frame: the next frame then begins another.
         """
         if frame.contact:
-            self._contact_step(frame.sensor_pose, [*from_touch, *frame.measurements], frame.time, len(from_touch))
+            self._contact_step(frame.sensor_pose, [*from_touch, *frame.measurements], frame.time, len(from_touch), sunk)
         else:
             self._rest_step(frame.sensor_pose, frame.measurements, frame.time)
         circumstances = Circumstances(hidden_motion, self._has_begun_anew, self.is_mirrored)
@@ -188,14 +190,14 @@ class MultiHypothesisFilter:
         self._has_begun_anew = False
 
     def _contact_step(
-        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int, sunk: float
     ) -> None:
         """Take a frame of contact, whose first `from_touch` measurements are read from touch images.
 
         If the graph has no solution, another one begins with this frame from the best last pose.
         """
         times = [*self._times, time]
-        step = Step(sensor_pose, timely(measurements, times), from_touch, times)
+        step = Step(sensor_pose, timely(measurements, times), from_touch, times, sunk)
         window = self._bank.window
         try:
             measures_pose = self._begin_contact(step) if window is None else self._continue_contact(step, window)
@@ -209,7 +211,7 @@ class MultiHypothesisFilter:
                 raise EstimationError(reason) from error
             logger.warning("%s; starting a new graph from the last pose", reason)
             self._abandon_contact(sensor_pose)
-            self._contact_step(sensor_pose, measurements, time, from_touch)
+            self._contact_step(sensor_pose, measurements, time, from_touch, sunk)
             return
         assert self._bank.window is not None
         self._after_solution(step, self._bank.window, measures_pose)

@@ -11,14 +11,15 @@ Columns of a Jacobian:
 - 9 to 11: sensor of the step now
 - 12: turn_offset
 - 13: corner_bias
-- 14: direction_bias
-- 15: direction_scale
-- 16: place_bias
-- 17: depth
-- 18: outline_scale
-- 19: friction_ratio
-- 20 to 21: friction_center
-- 22: grip
+- 14: sinking
+- 15: direction_bias
+- 16: direction_scale
+- 17: place_bias
+- 18: depth
+- 19: outline_scale
+- 20: friction_ratio
+- 21 to 22: friction_center
+- 23: grip
 """
 
 import math
@@ -139,10 +140,10 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
     now_point_y = now.touch.point.imag
     support_center_y = settings.support.center.imag
     support_radius = settings.support.radius
-    t0 = row.shared[9]*support_radius
+    t0 = row.shared[10]*support_radius
     t1 = support_center_y + t0
     t2 = -before.g[1] + t1
-    t3 = row.shared[8]*support_radius + settings.support.center.real
+    t3 = row.shared[9]*support_radius + settings.support.center.real
     t4 = -before.g[0] + t3
     t5 = before_g_cos*t2 - before_g_sin*t4
     t6 = before_g_cos*t4 + before_g_sin*t2
@@ -152,7 +153,7 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
     t10 = now_e_cos*t8 + now_e_sin*t7
     t11 = support_radius**2
     t12 = now.moved**2
-    t13 = math.exp(row.shared[7])
+    t13 = math.exp(row.shared[8])
     t14 = -before.e[2] + before.g[2] + now.e[2] - now.g[2]
     t15 = wrap(t14)
     d0 = -t11*t13
@@ -185,9 +186,9 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
     out.jacobian[0, 9] = -d4*now_e_cos - d5*now_e_sin
     out.jacobian[0, 10] = d4*now_e_sin - d5*now_e_cos
     out.jacobian[0, 11] = d0 + now_e_cos*(d2*t7 - d3*t8) - now_e_sin*(d2*t8 + d3*t7)
-    out.jacobian[0, 19] = d1*t13
-    out.jacobian[0, 20] = d9*support_radius
-    out.jacobian[0, 21] = d12*support_radius
+    out.jacobian[0, 20] = d1*t13
+    out.jacobian[0, 21] = d9*support_radius
+    out.jacobian[0, 22] = d12*support_radius
     information0 = 1.0 / (settings.balance.load**2*settings.support.span**2*t12 + settings.balance.share**2*t11*t12 + settings.balance.still**2)
     out.information[0] = information0
     out.weight[0] = information0 * cauchy(information0 * out.residual[0]**2, settings.balance.kernel)
@@ -205,7 +206,7 @@ def friction_cone(before: Records, now: Records, row: Records, settings: Records
     before_e_sin = before.turn_e.imag
     before_g_cos = before.turn_g.real
     before_g_sin = before.turn_g.imag
-    friction_center_y = row.shared[9]
+    friction_center_y = row.shared[10]
     now_e_cos = now.turn_e.real
     now_e_sin = now.turn_e.imag
     now_force_angle = now.force_angle
@@ -216,7 +217,7 @@ def friction_cone(before: Records, now: Records, row: Records, settings: Records
     support_center_y = settings.support.center.imag
     support_radius = settings.support.radius
     t0 = -before.g[1] + friction_center_y*support_radius + support_center_y
-    t1 = row.shared[8]*support_radius + settings.support.center.real
+    t1 = row.shared[9]*support_radius + settings.support.center.real
     t2 = -before.g[0] + t1
     t3 = before_g_cos*t0 - before_g_sin*t2
     t4 = before_g_cos*t2 + before_g_sin*t0
@@ -226,7 +227,7 @@ def friction_cone(before: Records, now: Records, row: Records, settings: Records
     t8 = now_e_cos*t6 + now_e_sin*t5
     t9 = -now_g_cos*t8 + now_g_sin*t7 - now.g[0] + t1
     t10 = friction_center_y*support_radius - now_g_cos*t7 - now_g_sin*t8 - now.g[1] + support_center_y
-    t12 = math.exp(row.shared[10])
+    t12 = math.exp(row.shared[11])
     t13 = side(now_force_angle)
     t14 = math.atan(t12)
     t15 = beyond(now_force_angle, t14, settings.friction_cone.width)
@@ -257,9 +258,9 @@ def friction_cone(before: Records, now: Records, row: Records, settings: Records
     out.jacobian[0, 9] = -d5*now_e_cos - d6*now_e_sin
     out.jacobian[0, 10] = d5*now_e_sin - d6*now_e_cos
     out.jacobian[0, 11] = now_e_cos*(d3*t5 - d4*t6) - now_e_sin*(d3*t6 + d4*t5)
-    out.jacobian[0, 20] = d10*support_radius
-    out.jacobian[0, 21] = d1*support_radius + d11*support_radius
-    out.jacobian[0, 22] = d0*t12
+    out.jacobian[0, 21] = d10*support_radius
+    out.jacobian[0, 22] = d1*support_radius + d11*support_radius
+    out.jacobian[0, 23] = d0*t12
     information0 = t15 / (noise_share**2*now.moved**2 + settings.friction_cone.still**2)
     out.information[0] = information0
     out.weight[0] = information0 * cauchy(information0 * out.residual[0]**2, settings.friction_cone.kernel)
@@ -388,15 +389,15 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, o
     out.residual[0] = t13*t4 + t7*t8
     out.residual[1] = t13*t7 - t4*t8
     out.residual[2] = t12
-    out.residual[3] = (row.shared[2] - row.first_values[0])
-    out.residual[4] = (row.shared[3] - row.first_values[1])
-    out.residual[5] = (row.shared[4] - row.first_values[2])
-    out.residual[6] = (row.shared[5] - row.first_values[3])
-    out.residual[7] = (row.shared[6] - row.first_values[4])
-    out.residual[8] = (row.shared[7] - row.first_values[5])
-    out.residual[9] = (row.shared[8] - row.first_values[6])
-    out.residual[10] = (row.shared[9] - row.first_values[7])
-    out.residual[11] = (row.shared[10] - row.first_values[8])
+    out.residual[3] = (row.shared[3] - row.first_values[0])
+    out.residual[4] = (row.shared[4] - row.first_values[1])
+    out.residual[5] = (row.shared[5] - row.first_values[2])
+    out.residual[6] = (row.shared[6] - row.first_values[3])
+    out.residual[7] = (row.shared[7] - row.first_values[4])
+    out.residual[8] = (row.shared[8] - row.first_values[5])
+    out.residual[9] = (row.shared[9] - row.first_values[6])
+    out.residual[10] = (row.shared[10] - row.first_values[7])
+    out.residual[11] = (row.shared[11] - row.first_values[8])
     out.jacobian[0, 6] = d6*now_g_cos + d7*now_g_sin
     out.jacobian[0, 7] = -d6*now_g_sin + d7*now_g_cos
     out.jacobian[0, 8] = -d1 + now_g_cos*(-d4*now_g_y + d5*now_g_x) - now_g_sin*(-d4*now_g_x - d5*now_g_y)
@@ -411,15 +412,15 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, o
     out.jacobian[1, 11] = d8 + now_e_cos*(-d10*t0 + d9*t1) - now_e_sin*(d10*t1 + d9*t0)
     out.jacobian[2, 8] = -1.0
     out.jacobian[2, 11] = 1.0
-    out.jacobian[3, 14] = 1.0
-    out.jacobian[4, 15] = 1.0
-    out.jacobian[5, 16] = 1.0
-    out.jacobian[6, 17] = 1.0
-    out.jacobian[7, 18] = 1.0
-    out.jacobian[8, 19] = 1.0
-    out.jacobian[9, 20] = 1.0
-    out.jacobian[10, 21] = 1.0
-    out.jacobian[11, 22] = 1.0
+    out.jacobian[3, 15] = 1.0
+    out.jacobian[4, 16] = 1.0
+    out.jacobian[5, 17] = 1.0
+    out.jacobian[6, 18] = 1.0
+    out.jacobian[7, 19] = 1.0
+    out.jacobian[8, 20] = 1.0
+    out.jacobian[9, 21] = 1.0
+    out.jacobian[10, 22] = 1.0
+    out.jacobian[11, 23] = 1.0
     whiten(12, row.first_root, out)
     return 12
 
@@ -473,7 +474,7 @@ def sensor_pose(before: Records, now: Records, row: Records, settings: Records, 
 
 @kernel
 def contact(before: Records, now: Records, row: Records, settings: Records, out: Records) -> int:
-    """Return `gap + depth - scale extent` [m], positive if sensor and object are too far apart."""
+    """Return `gap + depth + sinking sunk - scale extent` [m], positive if sensor and object are too far apart."""
     applies = (now.is_resting < 0.5)
     if not applies:
         return 0
@@ -482,7 +483,8 @@ def contact(before: Records, now: Records, row: Records, settings: Records, out:
     now_normal_y = now.touch.normal.imag
     now_point_x = now.touch.point.real
     now_point_y = now.touch.point.imag
-    outline_scale = row.shared[6]
+    now_sunk = now.sunk
+    outline_scale = row.shared[7]
     support_center_x = settings.support.center.real
     support_center_y = settings.support.center.imag
     d0 = outline_scale + 1.0
@@ -490,13 +492,14 @@ def contact(before: Records, now: Records, row: Records, settings: Records, out:
     d2 = -outline_scale*(now_point_y - support_center_y)
     d3 = -now_normal_x*outline_scale
     d4 = -now_normal_y*outline_scale
-    out.residual[0] = row.shared[5] + now_gap - outline_scale*(-now_gap + now_normal_x*(now_point_x - support_center_x) + now_normal_y*(now_point_y - support_center_y))
+    out.residual[0] = row.shared[6] + now_gap + now_sunk*row.shared[2] - outline_scale*(-now_gap + now_normal_x*(now_point_x - support_center_x) + now_normal_y*(now_point_y - support_center_y))
     out.jacobian[0, 6] = d0*now.touch.gap_by_g[0] + d1*now.touch.normal_by_g[0].real + d2*now.touch.normal_by_g[0].imag + d3*now.touch.point_by_g[0].real + d4*now.touch.point_by_g[0].imag
     out.jacobian[0, 7] = d0*now.touch.gap_by_g[1] + d1*now.touch.normal_by_g[1].real + d2*now.touch.normal_by_g[1].imag + d3*now.touch.point_by_g[1].real + d4*now.touch.point_by_g[1].imag
     out.jacobian[0, 8] = d0*now.touch.gap_by_g[2] + d1*now.touch.normal_by_g[2].real + d2*now.touch.normal_by_g[2].imag + d3*now.touch.point_by_g[2].real + d4*now.touch.point_by_g[2].imag
-    out.jacobian[0, 17] = 1.0
-    out.jacobian[0, 18] = now_gap - now_normal_x*(now_point_x - support_center_x) - now_normal_y*(now_point_y - support_center_y)
-    information0 = 1.0 / (settings.contact.deviation**2)
+    out.jacobian[0, 14] = now_sunk
+    out.jacobian[0, 18] = 1.0
+    out.jacobian[0, 19] = now_gap - now_normal_x*(now_point_x - support_center_x) - now_normal_y*(now_point_y - support_center_y)
+    information0 = 1.0 / (settings.contact.deviation**2 + 0.04000000000000001*now_sunk**2)
     out.information[0] = information0
     out.weight[0] = information0 * cauchy(information0 * out.residual[0]**2, settings.contact.kernel)
     return 1
@@ -505,7 +508,7 @@ def contact(before: Records, now: Records, row: Records, settings: Records, out:
 @kernel
 def direction(now: Records, row: Records, term: Records, settings: Records, places: Array, out: Records) -> int:
     """Return `psi + scale sin(psi) + bias - angle` [rad], wrapped."""
-    direction_scale = row.shared[3]
+    direction_scale = row.shared[4]
     now_g_cos = now.turn_g.real
     now_g_sin = now.turn_g.imag
     now_normal_x = now.touch.normal.real
@@ -515,7 +518,7 @@ def direction(now: Records, row: Records, term: Records, settings: Records, plac
     t2 = -now_g_cos*now_normal_y + now_g_sin*now_normal_x
     t3 = bearing(t1, t2)
     t4 = math.sin(t3)
-    t5 = row.shared[2] + direction_scale*t4 - term.data[0]*sign + t3
+    t5 = row.shared[3] + direction_scale*t4 - term.data[0]*sign + t3
     t6 = wrap(t5)
     t7 = settings.direction.floor**2
     t8 = larger(term.variance, t7)
@@ -530,8 +533,8 @@ def direction(now: Records, row: Records, term: Records, settings: Records, plac
     out.jacobian[0, 6] = d5*now.touch.normal_by_g[0].real + d6*now.touch.normal_by_g[0].imag
     out.jacobian[0, 7] = d5*now.touch.normal_by_g[1].real + d6*now.touch.normal_by_g[1].imag
     out.jacobian[0, 8] = d5*now.touch.normal_by_g[2].real + d6*now.touch.normal_by_g[2].imag + now_g_cos*(d3*now_normal_x - d4*now_normal_y) - now_g_sin*(-d3*now_normal_y - d4*now_normal_x)
-    out.jacobian[0, 14] = 1.0
-    out.jacobian[0, 15] = t4
+    out.jacobian[0, 15] = 1.0
+    out.jacobian[0, 16] = t4
     information0 = 1.0 / (settings.direction.share*t8)
     out.information[0] = information0
     out.weight[0] = information0 * cauchy(information0 * out.residual[0]**2, settings.direction.kernel)
@@ -544,11 +547,11 @@ def place(now: Records, row: Records, term: Records, settings: Records, places: 
     sign = row.sign if term.from_touch == 1.0 else 1.0
     t0 = settings.place.floor**2
     t1 = larger(term.variance, t0)
-    out.residual[0] = -term.data[0]*sign + now.touch.material.imag + row.shared[4]
+    out.residual[0] = -term.data[0]*sign + now.touch.material.imag + row.shared[5]
     out.jacobian[0, 6] = now.touch.material_by_g[0].imag
     out.jacobian[0, 7] = now.touch.material_by_g[1].imag
     out.jacobian[0, 8] = now.touch.material_by_g[2].imag
-    out.jacobian[0, 16] = 1.0
+    out.jacobian[0, 17] = 1.0
     information0 = 1.0 / (settings.place.share*t1)
     out.information[0] = information0
     out.weight[0] = information0 * cauchy(information0 * out.residual[0]**2, settings.place.kernel)

@@ -11,6 +11,7 @@ from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import Light, is_grey
+from palpate.touch.imprint import added_variance, is_measured, sunk_with
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,
@@ -60,6 +61,8 @@ class TouchReader:
         """
         self.tactile: TactileChoice = tactile
         """Source of the measurements; in place of auto, the source chosen once the untouched gel is known."""
+        self.sunk = 0.0
+        """Indentation beyond the usual one, as the images of this contact show it [m]; 0 where they do not."""
         self.reason = ""
         """Reason for that choice; empty if the source was given."""
         self._own = own
@@ -76,6 +79,7 @@ class TouchReader:
         spread = {} if model is None else model.settings.spread
         self._variance_factors = {name: each.factor for name, each in spread.items()}
         self._misfit = misfit(sensor, model)
+        self._shows_depth = is_measured(model)
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
         if model is not None and (self.reads_images or (self._is_open and not self._misfit)):
@@ -128,7 +132,10 @@ class TouchReader:
         if self._background is not background:
             self._background = background
             self._mean = reduced(background.mean)
-        reading = self._model.read(difference_in_light(frame.image, self._mean, light))
+        difference = difference_in_light(frame.image, self._mean, light)
+        reading = self._model.read(difference)
+        if self._shows_depth:
+            self.sunk = sunk_with(self.sunk, difference, reading["direction"][0])
         return self._measurements(reading)
 
     def _measurements(self, reading: Reading) -> list[Measurement]:
@@ -139,7 +146,8 @@ class TouchReader:
         measurements: list[Measurement] = []
         if "direction" in reading:
             angle = (reading["direction"][0] - offset) / scale
-            measurements.append(ContactDirection(angle, variances["direction"] / scale**2))
+            variance = variances["direction"] / scale**2 + added_variance(self.sunk)
+            measurements.append(ContactDirection(angle, variance))
         if "place" in reading:
             measurements.append(ContactPlace(reading["place"][0], variances["place"]))
         if "turn" in reading:
@@ -152,6 +160,7 @@ class TouchReader:
 
     def end_contact(self) -> None:
         """Forget this contact: the next frame begins another."""
+        self.sunk = 0.0
         if self._own is not None:
             self._own.end_contact()
 

@@ -31,6 +31,8 @@ class Step:
     """Number of leading measurements that were read from touch images, which may be mirrored."""
     times: Sequence[float] = (0.0,)
     """Times of the last steps, this one last [s]."""
+    sunk: float = 0.0
+    """Indentation beyond the usual one, as the imprint shows it [m]."""
 
     def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
         """Return the contact directions, each as angles (B,) [rad], given bias and scale, and a variance [rad^2].

@@ -27,6 +27,7 @@ MODEL = Model(
         variables.SENSOR,
         variables.TURN_OFFSET,
         variables.CORNER_BIAS,
+        variables.SINKING,
         variables.DIRECTION_BIAS,
         variables.DIRECTION_SCALE,
         variables.PLACE_BIAS,
@@ -52,7 +53,7 @@ MODEL = Model(
         OBJECT_POSE,
     ),
     geometry=CONTACT_GEOMETRY,
-    step_numbers=("moved", "force_angle", "sliding", "slide", "spread", "is_resting"),
+    step_numbers=("moved", "force_angle", "sliding", "slide", "spread", "is_resting", "sunk"),
     step_poses=("measured",),
 )
 """Variables and factors, in the order of their places in vectors and tables."""

@@ -6,6 +6,10 @@ from palpate.manifolds.se2_kernels import adjoint, between, position, rotation, 
 from palpate.models.generated import put_rotations
 from palpate.models.pushing.contact_geometry import Surface, put_touch
 
+SHARE_OF_SINKING = 16.0
+"""Motion of the sensor that says as little about the object as sinking in by 1: while the tip sinks in, the object
+rests until the force reaches the friction with the table."""
+
 
 @kernel
 def prepare_step(now: Records, surface: Surface) -> None:
@@ -49,7 +53,8 @@ def begin_step(steps: Records) -> None:
         now = steps[b, last]
         before = steps[b, last - 1]
         now.turn_measured = rotation(now.measured[2])
-        now.moved = abs(position(now.measured) - position(before.measured))
+        travel = abs(position(now.measured) - position(before.measured))
+        now.moved = travel + SHARE_OF_SINKING * abs(now.sunk - before.sunk)
         now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
         between(steps[b, max(last - 2, 0)].g, before.g, now.g)
         ahead = position(before.g) + rotation(before.g[2]) * position(now.g)

@@ -18,6 +18,8 @@ PLACE_BIAS = Variable("place_bias", "object")
 """Common error of all contact places [m]."""
 DEPTH = Variable("depth", "object")
 """Indentation of the gel, including any constant offset between outline, gel and mounting [m]."""
+SINKING = Variable("sinking", "contact", prior=(1.2, 0.8))
+"""Ratio of the indentation beyond the usual one to what the imprint says of it."""
 OUTLINE_SCALE = Variable("outline_scale", "object")
 """Relative size error of the outline."""
 FRICTION_RATIO = Variable("friction_ratio", "object", change=(0.44, 0.006))

@@ -60,6 +60,7 @@ class ContactWindow(PushingWindow):
         sign = np.ones(len(belief)) if sign is None else sign
         own = OwnMeasurements(model=variables) if own is None else own
         steps, rows = begun(compiled, belief, step.sensor_pose, sign)
+        steps["sunk"] = step.sunk
         given = Given(settings, drift, model.surface, model.corners, np.zeros(1, compiled.records.work))
         super().__init__(compiled, given, steps, rows, lag, own)
         self._has_turn = False
@@ -76,6 +77,7 @@ class ContactWindow(PushingWindow):
         now["e"] = step.sensor_pose
         now["measured"] = step.sensor_pose
         now["spread"][:, 0] = spread
+        now["sunk"] = step.sunk
         self._append(now)
         self._solve_with(step, arrived, own)
 
