@@ -100,7 +100,7 @@ def convert(
 def _sources_and_target(
     files: Sequence[Path], bag: Bag, tables: TableChoices, are_several: bool
 ) -> tuple[Sequence[Path], Path]:
-    """Return what to convert, which may be the folder of --images, and what to write. Raises SettingError."""
+    """Return the paths to convert, which may be the folder of --images, and that to write. Raises SettingError."""
     if len(files) == 2 or (len(files) > 2 and are_several):
         return files[:-1], files[-1]
     if len(files) == 1 and tables.poses is not None and bag.choices.images is not None and not are_several:
@@ -110,7 +110,7 @@ def _sources_and_target(
 
 
 def _converted(source: Path, episode: int, bag: Bag, tables: TableChoices) -> "palpate.Recording":
-    """Return what is to be converted as a recording. Raises PalpateError."""
+    """Return a recording, bag, folder or dataset as a recording. Raises PalpateError."""
     from palpate.io.lerobot import is_lerobot, read_lerobot
     from palpate.types.sensor import known_sensor
 

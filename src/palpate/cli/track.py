@@ -46,7 +46,7 @@ class RunFiles:
         new_file(self.video, force)
 
     def outputs(self, may_replace: bool) -> Outputs:
-        """Return what these options ask for."""
+        """Return the outputs that these options ask for."""
         return Outputs(self.mcap, self.tum, self.html or self.view, self.video, may_replace)
 
 

@@ -60,7 +60,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What a drawing shows."""
+    """Content of a drawing."""
 
     lines: list[Line] = field(default_factory=list)
     notes: list[tuple[float, float]] = field(default_factory=list)

@@ -271,7 +271,7 @@ def _tables_beside(folder: Path) -> dict[Path, str]:
 
 
 def _content_of(path: Path) -> str:
-    """Return what a table holds, or why it cannot be read as one of poses."""
+    """Return the content of a table in words, or the reason why it cannot be read as one of poses."""
     try:
         return f"poses: {read_pose_table(path, TableChoices()).about}"
     except PalpateError as error:

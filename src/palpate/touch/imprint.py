@@ -5,6 +5,7 @@ imprint spreads over the image, and directions are read as nearer to the apex th
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,17 +13,27 @@ from palpate.touch.touch_model import Difference, TouchModel
 
 _MEASURED_ON = "DIGIT"
 """Sensor whose simulated imprints the numbers below are fitted to, from 0.2 to 4.6 mm."""
-_DEPTH = 4.5e-3
-"""[m] Indentation at the apex for a mean difference of 1. The logarithm scatters by 0.3: flat sides make large
-imprints and corners small ones."""
-_OFF_APEX = 1.5
-"""[1/rad] Relative growth of the indentation for the same difference off the apex, where less of it is in the image."""
-_USUAL = 1.4e-3
-"""[m] Indentation that is left to the variable `depth`; more than half of all ordinary imprints show less."""
-_MISREAD_BY_ONE = 2.5e-3
-"""[m] Depth beyond the usual one from which a direction tells nothing: it is read wrong by 1 rad."""
-_SHARE_OF_NEW = 0.5
-"""Share of a new image in the depth: the mean over some two frames, without their noise."""
+
+
+@dataclass(frozen=True)
+class _Imprints:
+    """Simulated imprints as images show them."""
+
+    depth: float = 4.5e-3
+    """[m] Indentation at the apex for a mean difference of 1. The logarithm scatters by 0.3: flat sides make large
+    imprints and corners small ones."""
+    off_apex: float = 1.5
+    """[1/rad] Relative growth of the indentation for the same difference off the apex, where less of it is in the
+    image."""
+    usual: float = 1.4e-3
+    """[m] Indentation that is left to the variable `depth`; more than half of all ordinary imprints show less."""
+    misread_by_one: float = 2.5e-3
+    """[m] Depth beyond the usual one from which a direction tells nothing: it is read wrong by 1 rad."""
+    share_of_new: float = 0.5
+    """Share of a new image in the depth: the mean over some two frames, without their noise."""
+
+
+_IMPRINTS = _Imprints()
 
 
 def is_measured(model: TouchModel | None) -> bool:
@@ -36,10 +47,10 @@ def sunk_with(before: float, difference: Difference, angle: float) -> float:
     `difference` (ROWS, COLUMNS, 3) is that from the untouched gel, `angle` the direction read in it [rad].
     """
     change = float(np.abs(difference).max(axis=2).mean())
-    seen = max(_DEPTH * change * math.exp(_OFF_APEX * abs(angle)) - _USUAL, 0.0)
-    return before + _SHARE_OF_NEW * (seen - before)
+    seen = max(_IMPRINTS.depth * change * math.exp(_IMPRINTS.off_apex * abs(angle)) - _IMPRINTS.usual, 0.0)
+    return before + _IMPRINTS.share_of_new * (seen - before)
 
 
 def added_variance(sunk: float) -> float:
     """Return the growth of a direction's variance [rad^2] once the tip has sunk in so far [m]."""
-    return (sunk / _MISREAD_BY_ONE) ** 4
+    return (sunk / _IMPRINTS.misread_by_one) ** 4

@@ -5,6 +5,8 @@ under them. A touch is wider, as the gel spreads it, and what it changes over a 
 that goes again leaves in the same way.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,25 +16,34 @@ from palpate.config import CONTACT_DETECTION
 from palpate.touch.cells import cell_width
 from palpate.touch.neighbours import largest_near, least_near, spots_of
 
-JUMP = 16
-"""Change of a pixel from one image to the next [grey levels] that a mark makes and noise does not."""
-LEAST_JUMPS = 6
-"""Pixels of a mark with such a change; fewer are noise."""
-SHARP = 0.2
-"""Share of a mark's pixels with such a change. What a touch changes over so small an area has fewer, as the gel smooths
-it; with a share of 0 touches that slide are taken for marks."""
-ONE_WAY = 0.8
-"""Share of the change of a mark, and of what has changed within a cell of it, that is left in the mean: a mark is
-brighter or darker all over. The imprint of a corner is as thin, but where it comes to is beside where it was."""
 EDGE = round(CONTACT_DETECTION.significant * CONTACT_DETECTION.least_deviation)
 """Change [grey levels], in the mean over 3 x 3 pixels, from which a pixel belongs to a mark."""
-THIN = 1.0
-"""Width of a scratch [cells], half a millimetre on a DIGIT, that none exceeds."""
-SMALL = 2.0
-"""Width and height of a grain [cells] that none exceeds."""
-MOST_MOVED = 0.04
-"""Share of an image that changes more widely while a touch slides; where one begins or ends within one image, 0.07 to
-0.7 of real ones do, and what is small may be of it."""
+
+
+@dataclass(frozen=True)
+class _Appearance:
+    """Limits by which a mark differs from a touch as it appears."""
+
+    jump: int = 16
+    """Change of a pixel from one image to the next [grey levels] that a mark makes and noise does not."""
+    least_jumps: int = 6
+    """Pixels of a mark with such a change; fewer are noise."""
+    sharp: float = 0.2
+    """Share of a mark's pixels with such a change. What a touch changes over so small an area has fewer, as the gel
+    smooths it; with a share of 0 touches that slide are taken for marks."""
+    one_way: float = 0.8
+    """Share of the change of a mark, and of what has changed within a cell of it, that is left in the mean: a mark is
+    brighter or darker all over. The imprint of a corner is as thin, but where it comes to is beside where it was."""
+    thin: float = 1.0
+    """Width of a scratch [cells], half a millimetre on a DIGIT, that none exceeds."""
+    small: float = 2.0
+    """Width and height of a grain [cells] that none exceeds."""
+    most_moved: float = 0.04
+    """Share of an image that changes more widely while a touch slides; where one begins or ends within one image, 0.07
+    to 0.7 of real ones do, and what is small may be of it."""
+
+
+_MARK = _Appearance()
 
 
 def new_marks(image: Image, before: Image) -> Flags | None:
@@ -40,24 +51,24 @@ def new_marks(image: Image, before: Image) -> Flags | None:
 
     None if there are none, or if a touch begins, ends or jumps, so that what is small may be of it.
     """
-    jumps = 2 * _jumps_in_every_other_row(_lines(image), _lines(before))
-    if not LEAST_JUMPS <= jumps <= MOST_MOVED * image.size:
+    jumps = 2 * _jumps_in_every_other_row(_lines(image), _lines(before), _MARK.jump)
+    if not _MARK.least_jumps <= jumps <= _MARK.most_moved * image.size:
         return None  # at once, as for most images
     change = image.astype(np.int16) - before
-    jumped = _are_above(JUMP, change)
+    jumped = _are_above(_MARK.jump, change)
     changed = _are_above(9 * EDGE, _sum_of_nine(change))
     cell = cell_width(*changed.shape)
-    width = round(THIN * cell)
+    width = round(_MARK.thin * cell)
     inside_wide = least_near(changed, width)
     wide = largest_near(inside_wide[::-1, ::-1], width)[::-1, ::-1]  # turned, as an even width is off by half a pixel
-    if np.count_nonzero(wide) > MOST_MOVED * wide.size:
+    if np.count_nonzero(wide) > _MARK.most_moved * wide.size:
         return None
     spots = spots_of(changed)
     count = len(spots.area)
     jumps_of = np.bincount(spots.spot_of[jumped], minlength=count)
     are_thin = np.bincount(spots.spot_of[wide], minlength=count) == 0
-    are_small = (spots.extent <= SMALL * cell).all(axis=1)
-    are_sharp = (jumps_of >= LEAST_JUMPS) & (jumps_of > SHARP * spots.area)
+    are_small = (spots.extent <= _MARK.small * cell).all(axis=1)
+    are_sharp = (jumps_of >= _MARK.least_jumps) & (jumps_of > _MARK.sharp * spots.area)
     are_sharp[0] = False  # all that has not changed
     marks = np.zeros_like(changed)
     for spot in np.flatnonzero(are_sharp & (are_thin | are_small)):
@@ -81,19 +92,19 @@ def _lines(image: Image) -> Image:
 
 
 @compiled
-def _jumps_in_every_other_row(lines: Image, before: Image) -> int:
-    """Return the number of values that have jumped."""
+def _jumps_in_every_other_row(lines: Image, before: Image, jump: int) -> int:
+    """Return the number of values that have changed by more than a jump [grey levels]."""
     count = 0
     for row in range(0, lines.shape[0], 2):
         for i in range(lines.shape[1]):
-            count += max(lines[row, i], before[row, i]) - min(lines[row, i], before[row, i]) > JUMP
+            count += max(lines[row, i], before[row, i]) - min(lines[row, i], before[row, i]) > jump
     return count
 
 
 def _is_brighter_or_darker(change: NDArray[np.int16]) -> bool:
     """Return true if nearly all pixels (N, 3) have changed in one direction, in the colour that has changed most."""
     total = np.abs(change).sum(axis=0)
-    return bool(abs(change.sum(axis=0)[total.argmax()]) > ONE_WAY * total.max())
+    return bool(abs(change.sum(axis=0)[total.argmax()]) > _MARK.one_way * total.max())
 
 
 def _are_above(limit: int, change: NDArray[np.int16]) -> Flags:
