@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TypeAlias
 
 from palpate.cli.console import Report
+from palpate.cli.read import read
 from palpate.cli.recordings import calibrate, convert, info
 from palpate.cli.track import live, track, warm_up
 from palpate.errors import SettingError
@@ -20,6 +21,7 @@ Command: TypeAlias = Callable[..., Report]
 GROUP = "palpate.commands"
 OWN: dict[str, Command] = {
     "info": info,
+    "read": read,
     "track": track,
     "live": live,
     "convert": convert,
@@ -39,8 +41,8 @@ LABORATORY = {
 }
 """Commands of palpate-lab, and what to install for each."""
 ORDER = (
-    *("demo", "info", "track", "live", "convert", "simulate", "calibrate", "train", "paper", "evaluate", "tune"),
-    *("truth-print", "truth-camera", "truth", "warm-up"),
+    *("demo", "info", "read", "track", "live", "convert", "simulate", "calibrate", "train", "paper", "evaluate"),
+    *("tune", "truth-print", "truth-camera", "truth", "warm-up"),
 )
 """Names in the order of the help; those of others follow."""
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from functools import partial
 from itertools import repeat
-from math import degrees
+from math import degrees, hypot
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -86,6 +86,8 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
         "noise_levels": float(np.median(gel.noise)) if gel.noise.any() else None,  # a single image has none
         "view": str(calibration.view),
         "is_view_measured": calibration.is_view_known,
+        "place_offset_mm": 1e3 * calibration.place_offset,
+        "place_offset_sigma_mm": 1e3 * calibration.place_offset_sigma if calibration.place_offset_sigma else None,
         "pixel_pitch_mm": 1e3 * pitch if pitch else None,
         "pixel_pitch_sigma_mm": 1e3 * pitch * calibration.pixel_pitch_sigma if pitch else None,
         "offset_deg": degrees(direction.offset),
@@ -146,9 +148,9 @@ def calibrate(
     Args:
         file: A recording with images, whose first half second is untouched.
         out: File of the calibration.
-        presses: Five or more presses, which also show errors of directions: a CSV of images (column file) at known
-            contact angles (column angle_deg) or places along the pad's width (column place_mm) or, with the column file
-            alone, by hand in order from -y to +y, which finds left and right only.
+        presses: Three or more presses, better five, which also show errors of directions and places: a CSV of images
+            (column file) at known contact angles (column angle_deg) or places along the pad's width (column place_mm)
+            or, with the column file alone, by hand in order from -y to +y, which finds left and right only.
         untouched: Images of the untouched gel, in place of FILE.
         ruler: Distance, from middle to middle, of two thin edges or balls that are pressed in side by side across the
             image, as 8mm, and the image that shows them.
@@ -169,9 +171,9 @@ def calibrate(
     pushed = [palpate.load_recording(path, orientation) for path in pushes]
     recorded = [palpate.load_recording(file, orientation)] if file else pushed
     profile = _sensor_of([*recorded, *pushed], sensor)
-    look = partial(_image_of, profile, orientation, bool(presses) and model is None)
+    look = partial(image_of, profile, orientation, bool(presses) and model is None)
     still = [look(path) for path in untouched] or list(first_images(recorded[0]))
-    _check_still(still, untouched or repeat(file or pushes[0]))
+    check_still(still, untouched or repeat(file or pushes[0]))
     reader: Any = palpate.TouchModel(model) if model else (presses or pushes) and shipped_model(profile.name)
     numbers: dict[str, Any] = {"file": file and str(file), "out": str(out), "untouched": len(still)}
     notes: list[str] = []
@@ -182,6 +184,7 @@ def calibrate(
     if presses:
         calibration, of_presses = _by_presses(presses, look, calibration, profile, reader)
         numbers |= of_presses
+        notes.append(_certainty_in_words(of_presses))
         notes.append("Presses find left and right only; up and down may be wrong.")
     if figure:
         calibration, of_pushes, unknown = _by_pushes(pushed, calibration, reader, figure)
@@ -215,7 +218,7 @@ def _sensor_of(recordings: Sequence["palpate.Recording"], name: str) -> "palpate
     return recordings[0].sensor
 
 
-def _image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours: bool, path: Path) -> Any:
+def image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours: bool, path: Path) -> Any:
     """Return the image in a file as the profile has it. Raises FileError, also if it lacks the colours it needs."""
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
@@ -230,7 +233,7 @@ def _image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours:
         return image
 
 
-def _check_still(images: Sequence[Any], paths: Iterable[Path]) -> None:
+def check_still(images: Sequence[Any], paths: Iterable[Path]) -> None:
     """Raise FileError, which names the path, if an image of the untouched gel differs from the first."""
     from palpate.touch.background import is_moved
 
@@ -264,8 +267,34 @@ def _by_presses(
     return calibration, {
         "presses": len(pressed.images),
         "keeps_left_and_right": calibration.view.keeps_left_and_right,
-        "scatter_deg": degrees(scatter),
+        **({"scatter_deg": degrees(scatter)} if pressed.place is None else {"scatter_mm": 1e3 * scatter}),
+        **certainty(calibration, profile),
     }
+
+
+def certainty(calibration: "palpate.Calibration", profile: "palpate.SensorProfile") -> dict[str, float]:
+    """Return the standard deviation that a calibration by presses leaves, half-way from the middle to the side."""
+    half_way = 0.25 * (calibration.pixel_pitch or profile.pixel_pitch or 0.0) * profile.image_width  # [m]
+    direction = calibration.direction
+    if calibration.place_offset_sigma is not None:
+        sigma = hypot(calibration.place_offset_sigma, half_way * calibration.pixel_pitch_sigma)
+        return {"calibrated_to_mm": 1e3 * sigma}
+    if direction.offset_sigma is None or direction.scale_sigma is None:
+        return {}
+    angle = half_way / max(profile.radius, half_way)
+    return {"calibrated_to_deg": degrees(hypot(direction.offset_sigma, direction.scale_sigma * angle))}
+
+
+def _certainty_in_words(numbers: dict[str, Any]) -> str:
+    """Return how sure a calibration is after its presses."""
+    count = numbers["presses"]
+    if "calibrated_to_mm" in numbers:
+        known = f"places to {numbers['calibrated_to_mm']:.2f} mm (1 sigma)"
+    elif "calibrated_to_deg" in numbers:
+        known = f"directions to {numbers['calibrated_to_deg']:.1f} degrees (1 sigma)"
+    else:
+        return f"After {count} presses the view is known; places or angles would tell errors of directions, too."
+    return f"After {count} presses, half-way to the side, {known} but for the noise of an image."
 
 
 def _by_pushes(

@@ -11,6 +11,7 @@ from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import is_grey
+from palpate.touch.imprint import read_difference
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,
@@ -72,7 +73,9 @@ class TouchReader:
         self._model = model
         self.needs_colours = model is not None and model.is_shipped
         """True if the touch model is one that comes with palpate, as those need images with colours."""
-        self._angle_factor = angle_factor(model, calibrated(sensor, calibration))
+        self._sensor = calibrated(sensor, calibration)
+        self._angle_factor = angle_factor(model, self._sensor)
+        self._place_offset = calibration.place_offset if calibration else 0.0  # [m]
         spread = {} if model is None else model.settings.spread
         self._variance_factors = {name: each.factor for name, each in spread.items()}
         self._misfit = misfit(sensor, model)
@@ -127,8 +130,8 @@ class TouchReader:
         if self._background is not background:
             self._background = background
             self._mean = reduced(background.mean)
-        reading = self._model.read(difference_in_light(frame.image, self._mean))
-        return self._measurements(reading)
+        difference = difference_in_light(frame.image, self._mean)
+        return self._measurements(read_difference(self._model, difference, self._sensor))
 
     def _measurements(self, reading: Reading) -> list[Measurement]:
         """Return the measurements in a reading of the touch model, corrected by the calibration."""
@@ -140,7 +143,7 @@ class TouchReader:
             angle = (reading["direction"][0] - offset) / scale
             measurements.append(ContactDirection(angle, variances["direction"] / scale**2))
         if "place" in reading:
-            measurements.append(ContactPlace(reading["place"][0], variances["place"]))
+            measurements.append(ContactPlace(reading["place"][0] - self._place_offset, variances["place"]))
         if "turn" in reading:
             measurements.append(Turn(reading["turn"][0] / scale, variances["turn"] / scale**2))
         if "corner" in reading:

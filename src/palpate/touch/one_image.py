@@ -1,0 +1,99 @@
+"""What one image of a sensor unit says: contact, and where or from which direction, with standard deviations.
+
+A tracker learns the errors that all readings of a unit share from many images; here they are part of the sigma.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.arrays import Image
+from palpate.config import Priors
+from palpate.errors import SettingError
+from palpate.touch.calibration import Calibration, calibrated
+from palpate.touch.cells import is_grey
+from palpate.touch.contact_detector import ContactDetector
+from palpate.touch.imprint import read_difference
+from palpate.touch.pipeline import GREY, angle_factor, misfit
+from palpate.touch.touch_model import TouchModel, difference_in_light, reduced
+from palpate.types.sensor import SensorProfile
+
+_PLACE_SIGMA = 3e-4
+"""Standard deviation of the place of an image on the pad [m], of a unit without calibration."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageReading:
+    """Contents of one image."""
+
+    image: Image
+    """The image (height, width, 3), as the profile has it."""
+    untouched: Image
+    """The untouched gel (height, width, 3)."""
+    contact: bool
+    direction: tuple[float, float] | None = None
+    """Contact direction on a round gel and its standard deviation [rad]; None without contact and on a flat pad."""
+    place: tuple[float, float] | None = None
+    """Place along y of a flat pad and its standard deviation [m]; None without contact and on a round gel."""
+    column: tuple[float, float] | None = None
+    """Column of the image that shows it, and its standard deviation [px]; None without contact."""
+
+
+class ImageReader:
+    """Reader of single images of one unit."""
+
+    def __init__(self, sensor: SensorProfile, calibration: Calibration, model: TouchModel) -> None:
+        """Take the sensor, the unit with its untouched gel, and the model. Raises SettingError if they do not fit."""
+        wrong = misfit(sensor, model)
+        if not wrong and model.is_shipped and is_grey(calibration.background.mean):
+            wrong = GREY
+        if wrong:
+            raise SettingError(wrong)
+        self._profile = sensor
+        self._sensor = calibrated(sensor, calibration)
+        self._calibration = calibration
+        self._model = model
+
+    def read(self, image: Image) -> ImageReading:
+        """Return what a camera's image says. Raises SettingError if it is no image of this unit."""
+        detector = ContactDetector(self._profile, self._calibration)
+        viewed = detector.read(image)
+        contact = bool(detector.update(viewed))
+        assert detector.background is not None
+        mean = detector.background.mean
+        untouched = np.rint(mean).astype(np.uint8)
+        if not contact:
+            return ImageReading(viewed, untouched, contact)
+        reading = read_difference(self._model, difference_in_light(viewed, reduced(mean)), self._sensor)
+        if self._sensor.flat_width and "place" in reading:
+            place = self._place(*reading["place"][:2])
+            column = self._column(place[0] + self._calibration.place_offset, place[1])
+            return ImageReading(viewed, untouched, contact, place=place, column=column)
+        direction = self._direction(*reading["direction"][:2])
+        shown = direction[0] + self._calibration.direction.offset
+        column = self._column(self._sensor.radius * math.sin(shown), self._sensor.radius * direction[1])
+        return ImageReading(viewed, untouched, contact, direction=direction, column=column)
+
+    def _place(self, measured: float, variance: float) -> tuple[float, float]:
+        """Return a place along y and its standard deviation [m], from that in the image."""
+        place = measured - self._calibration.place_offset
+        offset_sigma = self._calibration.place_offset_sigma or _PLACE_SIGMA
+        of_image = variance * self._model.settings.spread["place"].scale
+        return place, math.hypot(math.sqrt(of_image), offset_sigma, self._sensor.pixel_pitch_sigma * place)
+
+    def _direction(self, measured: float, variance: float) -> tuple[float, float]:
+        """Return a contact direction and its standard deviation [rad], from that in the image."""
+        factor = angle_factor(self._model, self._sensor)
+        correction = self._calibration.direction
+        angle = (factor * measured - correction.offset) / correction.scale
+        priors = Priors()
+        offset_sigma = correction.offset_sigma or priors.direction_bias[1]
+        scale_sigma = correction.scale_sigma or math.hypot(priors.direction_scale[1], self._sensor.pixel_pitch_sigma)
+        of_image = math.sqrt(variance * self._model.settings.spread["direction"].scale)
+        return angle, math.hypot(of_image * factor, offset_sigma, scale_sigma * angle) / correction.scale
+
+    def _column(self, y: float, sigma: float) -> tuple[float, float]:
+        """Return the column that shows a place along y of the pad [m], and its standard deviation [px]."""
+        pitch = self._sensor.pixel_pitch or 1.0
+        return 0.5 * (self._sensor.image_width - 1) + y / pitch, sigma / pitch
