@@ -123,3 +123,32 @@ def test_images_that_cannot_be_read_are_left_out(folder, run_palpate: Callable[.
     code, out, err = run_palpate("read", "black.png", "still.png", "--untouched", "still.png", "--json")
     assert code == 3 and [each["file"] for each in json.loads(out)] == ["still.png"]
     assert "black.png: " in err and len(err.splitlines()) == 1
+
+
+def test_dots_are_left_out(pad, json_of, fails):
+    rows, columns = np.mgrid[18.0:240.0:37.0, 20.0:320.0:33.0]
+    dots = np.column_stack((columns.ravel(), rows.ravel())).astype(np.float32)
+    wide = dataclasses.replace(pad.markers, dots=dots[np.arange(len(dots)) % 7 > 0], radius=8.5, dark=0.8)
+    others = dataclasses.replace(wide, dots=wide.dots + np.float32(16.0))
+    still, pressed, other = "wide.png", "wide-ball.png", "others.png"
+    unit = dataclasses.replace(pad, markers=wide)
+    save(still, touch_image(unit, None))
+    save(pressed, ball(unit, -2.0))
+    save(other, ball(dataclasses.replace(pad, markers=others), -2.0))
+    told = json_of("calibrate", "--untouched", still, *MINI, "--out", "wide.npz")
+    covered = len(wide.dots) * np.pi * wide.radius**2 / (240 * 320)
+    assert covered < told["markers_share"] < 2.5 * covered  # with their soft edges
+    assert json_of("info", "wide.npz")["markers_share"] == pytest.approx(told["markers_share"])
+    (read,) = json_of("read", pressed, "--untouched", still, *MINI)
+    bare = dataclasses.replace(pad, markers=None)
+    save("bare.png", touch_image(bare, None))
+    save("bare-ball.png", ball(bare, -2.0))
+    (as_bare,) = json_of("read", "bare-ball.png", "--untouched", "bare.png", *MINI)
+    assert read["place_mm"] == pytest.approx(as_bare["place_mm"], abs=0.1)
+    assert json_of("read", pressed, "--untouched", still, *MINI, "--markers", "off")[0]["contact"]
+    assert "of the dots of the untouched gel where they are there" in fails("read", other, "--untouched", still, *MINI)
+    names = [save(f"{number}-dots.png", ball(bare if number < 2 else unit, 2.0 * number - 4.0)) for number in range(4)]
+    Path("two.csv").write_text("file,place_mm\n" + "".join(f"{name},{2 * k - 4}\n" for k, name in enumerate(names)))
+    words = ("calibrate", "--presses", "two.csv", *MINI, "--out", "two.npz", "--untouched")
+    assert "two.csv: 0-dots.png: image: shows " in fails(*words, still)
+    assert "two.csv: 2-dots.png: image: shows dots, and the untouched gel none" in fails(*words, "bare.png")

@@ -17,6 +17,7 @@ from palpate.types.choices import (
     DEFAULT_NOISE,
     DEFAULT_SENSOR,
     BagChoices,
+    MarkersChoice,
     SmootherName,
     TactileChoice,
     TrackerChoices,
@@ -43,6 +44,10 @@ RecordingsFolder: TypeAlias = Annotated[
 ]
 Force: TypeAlias = Annotated[bool, tyro.conf.arg(help="Replace existing output.")]
 Sensor: TypeAlias = Annotated[str, tyro.conf.arg(metavar="NAME", help="Sensor profile: digit or gelsight-mini.")]
+Marker: TypeAlias = Annotated[
+    MarkersChoice,
+    arg(help="Dark dots on the gel are found and left out (auto), or images are taken as they are (off)."),
+]
 Orientation: TypeAlias = Annotated[
     str,
     arg(
@@ -85,6 +90,7 @@ class SensorUnit:
     """Folder of a touch model, or the name of a sensor whose own it is."""
     calibration: Annotated[Path | None, arg("UNIT.npz", "the first half second is taken as untouched")] = None
     """Calibration of the sensor unit, from palpate calibrate."""
+    markers: Marker = TrackerChoices.markers
 
     def load(self, *tactile: str) -> "tuple[palpate.TouchModel | None, palpate.Calibration | None]":
         """Read model and calibration, None where not given. Raises SettingError for a model that no touch uses."""
@@ -118,11 +124,13 @@ class Estimator:
     hypotheses: Annotated[int, arg("N")] = TrackerChoices.hypotheses
     """Largest number of hypotheses kept while touch is ambiguous; more are allowed at the start of a contact."""
 
-    def settings(self, tactile: TactileChoice) -> "palpate.TrackerSettings":
+    def settings(
+        self, tactile: TactileChoice, markers: MarkersChoice = TrackerChoices.markers
+    ) -> "palpate.TrackerSettings":
         """Return the settings of a tracker."""
         from palpate.noise_file import noise_of
 
-        return palpate.TrackerSettings(tactile, self.smoother, self.hypotheses, noise_of(self.noise))
+        return palpate.TrackerSettings(tactile, self.smoother, self.hypotheses, markers, noise_of(self.noise))
 
 
 @dataclass(frozen=True)

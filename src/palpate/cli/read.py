@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain
-from palpate.cli.options import Force, Orientation, Sensor, arg
+from palpate.cli.options import Force, Marker, Orientation, Sensor, arg
 from palpate.errors import PalpateError, SettingError
 from palpate.files import in_file, new_file
-from palpate.types.choices import DEFAULT_SENSOR
+from palpate.types.choices import DEFAULT_SENSOR, TrackerChoices
 
 if TYPE_CHECKING:
     from palpate.touch.one_image import ImageReader, ImageReading
@@ -27,6 +27,7 @@ def read(
     sensor: Sensor = DEFAULT_SENSOR,
     orientation: Orientation = "",
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
+    markers: Marker = TrackerChoices.markers,
     out: Annotated[Path | None, arg("PICTURE.png", "runs/read.png, replaced each time")] = None,
     force: Force = False,
 ) -> Report:
@@ -52,7 +53,7 @@ def read(
         raise SettingError("read: give either --untouched images or --calibration UNIT.npz")
     if out is not None:
         new_file(out, force)
-    reader, look = _opened(untouched, calibration, sensor, orientation, model)
+    reader, look = _opened(untouched, calibration, sensor, orientation, model, markers == "auto")
     readings: dict[str, ImageReading] = {}
     for file in images:
         try:
@@ -85,7 +86,12 @@ def about_reading(name: str, reading: "ImageReading", is_flat: bool) -> dict[str
 
 
 def _opened(
-    untouched: tuple[Path, ...], calibration: Path | None, sensor: str, orientation: str, model: Path | None
+    untouched: tuple[Path, ...],
+    calibration: Path | None,
+    sensor: str,
+    orientation: str,
+    model: Path | None,
+    seek_markers: bool,
 ) -> tuple["ImageReader", Any]:
     """Return the reader of a unit, and the function that reads an image from a file."""
     from functools import partial
@@ -100,7 +106,7 @@ def _opened(
     reads = palpate.TouchModel(model) if model else shipped_model(profile.name)
     look = partial(image_of, profile, orientation, reads.is_shipped)
     if calibration is not None:
-        return ImageReader(profile, palpate.load_calibration(calibration), reads), look
+        return ImageReader(profile, palpate.load_calibration(calibration), reads, seek_markers), look
     still = [look(path) for path in untouched]
     check_still(still, untouched)
-    return ImageReader(profile, palpate.Calibration(background_of(still)), reads), look
+    return ImageReader(profile, palpate.Calibration(background_of(still)), reads, seek_markers), look

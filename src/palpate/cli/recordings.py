@@ -10,10 +10,10 @@ from typing import Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, progress_bar
-from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
+from palpate.cli.options import Bag, Force, Marker, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, new_file, numbers_of, read_json
-from palpate.types.choices import DEFAULT_SENSOR
+from palpate.types.choices import DEFAULT_SENSOR, TrackerChoices
 
 
 def info(
@@ -75,7 +75,10 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
     """Return a calibration as plain data; noise is that of cells of an untouched image over time [grey levels]."""
     import numpy as np
 
+    from palpate.touch.markers import find_markers
+
     gel = calibration.background
+    markers = find_markers(gel.mean)
     direction = calibration.direction
     pitch = calibration.pixel_pitch
     height, width = gel.mean.shape[:2]
@@ -84,6 +87,7 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
         "height": height,
         "width": width,
         "noise_levels": float(np.median(gel.noise)) if gel.noise.any() else None,  # a single image has none
+        "markers_share": markers.share if markers else 0.0,
         "view": str(calibration.view),
         "is_view_measured": calibration.is_view_known,
         "place_offset_mm": 1e3 * calibration.place_offset,
@@ -139,6 +143,7 @@ def calibrate(
     sensor: Sensor = DEFAULT_SENSOR,
     orientation: Orientation = "",
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
+    markers: Marker = TrackerChoices.markers,
     force: Force = False,
 ) -> Report:
     """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses or pushes the rest.
@@ -182,7 +187,7 @@ def calibrate(
     if ruler:
         calibration = _by_ruler(ruler, look, calibration, profile)
     if presses:
-        calibration, of_presses = _by_presses(presses, look, calibration, profile, reader)
+        calibration, of_presses = _by_presses(presses, look, calibration, profile, reader, markers == "auto")
         numbers |= of_presses
         notes.append(_certainty_in_words(of_presses))
         notes.append("Presses find left and right only; up and down may be wrong.")
@@ -256,14 +261,19 @@ def _by_ruler(
 
 
 def _by_presses(
-    path: Path, look: Callable[[Path], Any], calibration: "palpate.Calibration", profile: Any, model: Any
+    path: Path,
+    look: Callable[[Path], Any],
+    calibration: "palpate.Calibration",
+    profile: Any,
+    model: Any,
+    seek_markers: bool,
 ) -> tuple["palpate.Calibration", dict[str, Any]]:
     """Return a calibration by presses in a table, and its numbers for people."""
     from palpate.touch.press_calibration import learn_from_presses, read_presses
 
     pressed = read_presses(path, look, profile)
     with in_file(path):
-        calibration, scatter = learn_from_presses(pressed, calibration, profile, model)
+        calibration, scatter = learn_from_presses(pressed, calibration, profile, model, seek_markers)
     return calibration, {
         "presses": len(pressed.images),
         "keeps_left_and_right": calibration.view.keeps_left_and_right,

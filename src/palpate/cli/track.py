@@ -50,7 +50,7 @@ def track(
 
     if not files:
         raise SettingError("track takes a recording or several: palpate track FILE ...")
-    settings = estimator.settings(touch.tactile)
+    settings = estimator.settings(touch.tactile, touch.markers)
     first_pose, sigma = start.pose_and_sigma()
     model, unit = touch.load(touch.tactile)
     tracking: dict[str, Any] = {
@@ -198,7 +198,7 @@ def live(
         else:
             setting = _replay_setting(replay, start, bag)
         sources = setting.sources
-        settings = palpate.TrackerSettings(touch.tactile)
+        settings = palpate.TrackerSettings(touch.tactile, markers=touch.markers)
         options: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
         tracker = palpate.Tracker(setting.shape, sources.sensor, setting.first_pose, settings, model, unit, **options)
         keep = record and stack.enter_context(recorder(record, setting.shape, sources, force))

@@ -3,24 +3,18 @@
 import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.arrays import Image, Levels
 from palpate.config import CONTACT_DETECTION
 from palpate.errors import SettingError
-from palpate.touch.cells import NEIGHBOURS, cells_of, change_in_light, compare, is_dark, is_flat, is_grey, third_of_cell
+from palpate.touch.cells import cells_of, change_in_light, compare, is_dark, is_flat, is_grey
 
 logger = logging.getLogger(__name__)
 
 MOVED_LEVELS = 8.0
 """Change of a cell [grey levels] that images of one gel at rest do not have; 12 would miss the start of contacts."""
-MARKER_LEVELS = 12.0
-"""Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have some."""
-
-AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,43 +133,3 @@ def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") ->
     # The ratio is above 0.7 in real and drawn images, and mostly below 0.5 in squeezed ones.
     if ratios and np.median(ratios) < 0.5:
         logger.warning("%s seem to have been scaled to their size while they lay on their side: turn them", name)
-
-
-def has_markers(image: AnyImage) -> bool:
-    """Return true if an image (height, width, 3) of an untouched gel shows markers over the area of a touch."""
-    import cv2
-
-    dark, _ = _dark_dots(image)
-    _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
-    components = stats[1:]  # the first is what is not dark
-    extent = components[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
-    edge, size = _edge_and_size(image)
-    are_dots = ((extent >= edge) & (extent < size)).all(axis=1)
-    return components[are_dots, cv2.CC_STAT_AREA].sum() > CONTACT_DETECTION.start * dark.size
-
-
-def without_markers(image: AnyImage) -> AnyImage:
-    """Return an image (height, width, 3) in which markers look like the gel around them."""
-    import cv2
-
-    dark, filled = _dark_dots(image)
-    edge, _ = _edge_and_size(image)
-    hidden = cv2.dilate(dark, np.ones((edge, edge), np.uint8))
-    unmarked: Any = cv2.copyTo(filled, hidden, image.copy())
-    return unmarked
-
-
-def _dark_dots(image: NDArray[Any]) -> tuple[NDArray[np.uint8], Any]:
-    """Return a mask (height, width) of small dark dots, and the image with them filled by a morphological closing."""
-    import cv2
-
-    _, size = _edge_and_size(image)
-    filled = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
-    darker = cv2.cvtColor(cv2.subtract(filled, image), cv2.COLOR_RGB2GRAY)
-    return (darker > MARKER_LEVELS).astype(np.uint8), filled
-
-
-def _edge_and_size(image: NDArray[Any]) -> tuple[int, int]:
-    """Return the width of a marker's edge, and a width that no marker has [px], which is 0.8 mm on a GelSight Mini."""
-    third = third_of_cell(*image.shape[:2])
-    return max(round(third), 1), max(round(NEIGHBOURS * third), 1)

@@ -15,6 +15,7 @@ from palpate.touch.calibration import Calibration, calibrated
 from palpate.touch.cells import is_grey
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.imprint import read_difference
+from palpate.touch.markers import check_markers, find_markers
 from palpate.touch.pipeline import GREY, angle_factor, misfit
 from palpate.touch.touch_model import TouchModel, difference_in_light, reduced
 from palpate.types.sensor import SensorProfile
@@ -43,7 +44,9 @@ class ImageReading:
 class ImageReader:
     """Reader of single images of one unit."""
 
-    def __init__(self, sensor: SensorProfile, calibration: Calibration, model: TouchModel) -> None:
+    def __init__(
+        self, sensor: SensorProfile, calibration: Calibration, model: TouchModel, seek_markers: bool = True
+    ) -> None:
         """Take the sensor, the unit with its untouched gel, and the model. Raises SettingError if they do not fit."""
         wrong = misfit(sensor, model)
         if not wrong and model.is_shipped and is_grey(calibration.background.mean):
@@ -54,10 +57,15 @@ class ImageReader:
         self._sensor = calibrated(sensor, calibration)
         self._calibration = calibration
         self._model = model
+        self._seek_markers = seek_markers
+        self._markers = find_markers(calibration.background.mean) if seek_markers else None
 
     def read(self, image: Image) -> ImageReading:
         """Return what a camera's image says. Raises SettingError if it is no image of this unit."""
-        detector = ContactDetector(self._profile, self._calibration)
+        gel = self._calibration.background.mean
+        if self._markers and image.shape == gel.shape:
+            check_markers(self._calibration.view.of(image), gel, self._markers)
+        detector = ContactDetector(self._profile, self._calibration, self._seek_markers)
         viewed = detector.read(image)
         contact = bool(detector.update(viewed))
         assert detector.background is not None

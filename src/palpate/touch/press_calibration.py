@@ -22,6 +22,7 @@ from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorr
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.imprint import read_difference
+from palpate.touch.markers import check_markers, find_markers, without_markers
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
 from palpate.types.images import CameraView, read_image
@@ -180,7 +181,7 @@ class _ViewFit:
 
 
 def learn_from_presses(
-    presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
+    presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel, seek_markers: bool = True
 ) -> tuple[Calibration, float]:
     """Return a calibration with the view and errors that presses show, and the scatter of directions [rad].
 
@@ -196,11 +197,12 @@ def learn_from_presses(
     # The likeliest view is taken, by however little: presses only tell left from right for sure, but preferring a
     # simpler view that was nearly as likely would make errors a tenth larger. Orders of channels are not tried, as a
     # model reads exchanged channels as well.
+    bare_presses, bare = _without_markers(presses, calibration) if seek_markers else (presses, calibration)
     fit_in_view = _fit_in_view if presses.place is None else _fit_places_in_view
-    fits = [fit_in_view(view, presses, calibration, sensor, model) for view in VIEWS[:4]]
+    fits = [fit_in_view(view, bare_presses, bare, sensor, model) for view in VIEWS[:4]]
     best = max(fits, key=lambda fit: fit.log_likelihood)
     uncorrected = {"direction": calibration.direction, "pixel_pitch": calibration.pixel_pitch}
-    _check_touched(presses, replace(best.calibration, **uncorrected), sensor)
+    _check_touched(bare_presses, replace(best.calibration, **uncorrected), sensor)
     if best.log_likelihood == -math.inf:
         raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
     if not is_given:
@@ -216,14 +218,28 @@ def learn_from_presses(
         size = f"{np.degrees(range_):.1f} degrees" if presses.place is None else f"{1e3 * range_:.1f} mm"
         within = f"found presses within {size}"
         raise FileError(f"{within}, less than noise can tell left from right by; add some farther apart")
-    return best.calibration, best.scatter
+    view = best.calibration.view
+    gel = Background(view.of(calibration.background.mean), view.of(calibration.background.noise))
+    return replace(best.calibration, background=gel), best.scatter
+
+
+def _without_markers(presses: Presses, calibration: Calibration) -> tuple[Presses, Calibration]:
+    """Return presses and the untouched gel without markers. Raises FileError if a press has others than the gel."""
+    gel = calibration.background
+    markers = find_markers(gel.mean)
+    for name, image in zip(presses.names, presses.images, strict=True):
+        with in_file(name):
+            check_markers(image, gel.mean, markers)
+    images = tuple(without_markers(image, markers) for image in presses.images)
+    bare = replace(gel, mean=without_markers(gel.mean, markers))
+    return replace(presses, images=images), replace(calibration, background=bare)
 
 
 def _check_touched(presses: Presses, calibration: Calibration, sensor: SensorProfile) -> None:
     """Raise FileError if the image of a press shows no touch."""
     for name, image in zip(presses.names, presses.images, strict=True):
         with in_file(name):
-            detector = ContactDetector(sensor, calibration)
+            detector = ContactDetector(sensor, calibration, seek_markers=False)
             if not detector.update(detector.read(image)):
                 raise FileError("shows no touch against the untouched gel; does that show one?")
 

@@ -1,0 +1,126 @@
+"""Markers: dark dots on a gel's skin, which move with it, of any grid and size, and with some missing.
+
+They are found in the untouched gel, once, which tells how wide they are; then anew in each image, wherever they have
+moved to, and filled with the gel around them. So contact, place and direction are those of a gel without dots.
+"""
+
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.config import CONTACT_DETECTION
+from palpate.errors import SettingError
+from palpate.touch.cells import NEIGHBOURS, third_of_cell
+
+LEVELS = 12.0
+"""Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have some."""
+TIMES = (1.0, 1.6, 2.4)
+"""Widths that no marker has, tried from the smallest, as multiples of 0.8 mm on a GelSight Mini."""
+MORE = 1.3
+"""Times as many pixels of markers with which a greater width is taken: with the smaller one some are cut off."""
+FEWEST = 6
+"""Fewest markers: fewer dark spots are dirt."""
+OF_DARK = 0.5
+"""Least share of all dark pixels that are of markers: what is darker than its surroundings without markers has every
+size and form."""
+FILLED = 0.4
+"""Least share of the square around a marker that it fills, which shades and scratches do not."""
+
+IN_PLACE = 0.4
+"""Least share of a gel's markers that a touched image shows in place; other grids have as much as markers cover."""
+
+AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Size of a gel's markers."""
+
+    width: int
+    """Width that none has [px]."""
+    share: float
+    """Share of the untouched image that is masked, 0 to 1."""
+
+
+def find_markers(untouched: NDArray[Any]) -> Markers | None:
+    """Return the markers that an image (height, width, 3) of an untouched gel shows; None if there are none."""
+    found: Markers | None = None
+    most = 0
+    for times in TIMES:
+        width = max(round(times * NEIGHBOURS * third_of_cell(*untouched.shape[:2])), 1)
+        dark, _ = _dark_spots(untouched, width)
+        area = _area_of_dots(dark, width)
+        if area > CONTACT_DETECTION.start * dark.size and area > MORE * most:
+            found = Markers(width, float(np.count_nonzero(_with_edges(dark))) / dark.size)
+            most = area
+    return found
+
+
+def without_markers(image: AnyImage, markers: Markers | None) -> AnyImage:
+    """Return an image (height, width, 3) in which markers look like the gel around them."""
+    import cv2
+
+    if markers is None:
+        return image
+    dark, filled = _dark_spots(image, markers.width)
+    unmarked: Any = cv2.copyTo(filled, _with_edges(dark), image.copy())
+    return unmarked
+
+
+def check_markers(image: NDArray[Any], untouched: NDArray[Any], markers: Markers | None) -> None:
+    """Raise SettingError if an image (height, width, 3) has other markers than the untouched gel, or one of both none.
+
+    A touch moves markers by less than their width, but for a few.
+    """
+    if markers is None:
+        if find_markers(image):
+            raise SettingError("image: shows dots, and the untouched gel none: is it of another unit?")
+        return
+    of_gel, _ = _dark_spots(untouched, markers.width)
+    of_image, _ = _dark_spots(image, markers.width)
+    in_place = np.count_nonzero(of_gel & of_image) / np.count_nonzero(of_gel)
+    if in_place < IN_PLACE:
+        raise SettingError(
+            f"image: shows {in_place:.0%} of the dots of the untouched gel where they are there, expected are "
+            f"{IN_PLACE:.0%} or more: is it of another unit?"
+        )
+
+
+def _dark_spots(image: NDArray[Any], width: int) -> tuple[NDArray[np.uint8], Any]:
+    """Return a mask (height, width) of dark spots of less than a width [px], and the image with them filled."""
+    import cv2
+
+    filled = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((width, width), np.uint8))
+    darker = cv2.cvtColor(cv2.subtract(filled, image), cv2.COLOR_RGB2GRAY)
+    return (darker > LEVELS).astype(np.uint8), filled
+
+
+def _area_of_dots(dark: NDArray[np.uint8], width: int) -> int:
+    """Return the count of pixels of dots in a mask of dark spots; 0 if there are too few of them."""
+    import cv2
+
+    _, _, stats, _ = cv2.connectedComponentsWithStats(dark)
+    spots = stats[1:]  # the first is what is not dark
+    place = spots[:, [cv2.CC_STAT_LEFT, cv2.CC_STAT_TOP]]
+    extent = spots[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
+    area = spots[:, cv2.CC_STAT_AREA]
+    are_whole = ((place > 0) & (place + extent < dark.shape[::-1])).all(axis=1)
+    least = _edge(dark)
+    are_dots = are_whole & ((extent >= least) & (extent < width)).all(axis=1) & (area > FILLED * extent.prod(axis=1))
+    of_dots = int(area[are_dots].sum())
+    return of_dots if np.count_nonzero(are_dots) >= FEWEST and of_dots > OF_DARK * area.sum() else 0
+
+
+def _with_edges(dark: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a mask with the soft edges of its spots."""
+    import cv2
+
+    edge = _edge(dark)
+    return np.asarray(cv2.dilate(dark, np.ones((edge, edge), np.uint8)), np.uint8)
+
+
+def _edge(image: NDArray[Any]) -> int:
+    """Return the width of a marker's edge in an image of this size [px]."""
+    return max(round(third_of_cell(*image.shape[:2])), 1)
