@@ -30,7 +30,8 @@ from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import check_arguments, first_pose_of, noise_of_unit
 from palpate.types.estimate import Estimate
 from palpate.types.measurements import Frame, Measurement
-from palpate.types.sensor import POINT, SensorProfile, known_sensor
+from palpate.types.sensor import POINT, SensorProfile
+from palpate.types.sensor_file import known_sensor
 
 logger = logging.getLogger(__name__)
 

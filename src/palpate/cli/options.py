@@ -43,7 +43,9 @@ RecordingsFolder: TypeAlias = Annotated[
     Path, arg("DIR", help="Folder of recordings in any known format; folders in it are searched too.")
 ]
 Force: TypeAlias = Annotated[bool, tyro.conf.arg(help="Replace existing output.")]
-Sensor: TypeAlias = Annotated[str, tyro.conf.arg(metavar="NAME", help="Sensor profile: digit or gelsight-mini.")]
+Sensor: TypeAlias = Annotated[
+    str, tyro.conf.arg(metavar="NAME|FILE", help="Sensor: digit, gelsight-mini, or a profile, my_sensor.toml.")
+]
 Marker: TypeAlias = Annotated[
     MarkersChoice,
     arg(help="Dark dots on the gel are found and left out (auto), or images are taken as they are (off)."),
@@ -154,7 +156,7 @@ class Bag:
     def read(self, file: Path) -> "palpate.BagReading":
         """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
         from palpate.io import detect_format
-        from palpate.types.sensor import known_sensor
+        from palpate.types.sensor_file import known_sensor
         from palpate.types.space import flat
 
         orientation = self.choices.orientation

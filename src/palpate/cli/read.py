@@ -26,7 +26,7 @@ def read(
     calibration: Annotated[Path | None, arg("UNIT.npz", "none; or --untouched")] = None,
     sensor: Sensor = DEFAULT_SENSOR,
     orientation: Orientation = "",
-    model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
+    model: Annotated[Path | None, arg("MODEL", "the sensor's own, else none")] = None,
     markers: Marker = TrackerChoices.markers,
     out: Annotated[Path | None, arg("PICTURE.png", "runs/read.png, replaced each time")] = None,
     force: Force = False,
@@ -45,7 +45,7 @@ def read(
         out: The picture to write.
     """
     from palpate.pipeline.reading_figure import MOST, in_words, write_picture
-    from palpate.types.sensor import known_sensor
+    from palpate.types.sensor_file import known_sensor
 
     if not images:
         raise SettingError("read takes an image or several: palpate read IMAGE ... --untouched STILL.png")
@@ -99,14 +99,18 @@ def _opened(
     from palpate.cli.recordings import check_still, image_of
     from palpate.touch.background import background_of
     from palpate.touch.one_image import ImageReader
-    from palpate.touch.touch_model import shipped_model
-    from palpate.types.sensor import known_sensor
+    from palpate.touch.touch_model import SHIPPED_OF, shipped_model
+    from palpate.types.sensor_file import known_sensor
 
     profile = known_sensor(sensor)
-    reads = palpate.TouchModel(model) if model else shipped_model(profile.name)
-    look = partial(image_of, profile, orientation, reads.is_shipped)
+    reader: Any = None  # an own sensor without a model is read by the middles of its imprints
+    if model:
+        reader = palpate.TouchModel(model)
+    elif profile.name in SHIPPED_OF:
+        reader = shipped_model(profile.name)
+    look = partial(image_of, profile, orientation, reader is not None and reader.is_shipped)
     if calibration is not None:
-        return ImageReader(profile, palpate.load_calibration(calibration), reads, seek_markers), look
+        return ImageReader(profile, palpate.load_calibration(calibration), reader, seek_markers), look
     still = [look(path) for path in untouched]
     check_still(still, untouched)
-    return ImageReader(profile, palpate.Calibration(background_of(still)), reads, seek_markers), look
+    return ImageReader(profile, palpate.Calibration(background_of(still)), reader, seek_markers), look

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, progress_bar
+from palpate.cli.new_sensor import first_guess, with_scale_of
 from palpate.cli.options import Bag, Force, Marker, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError
 from palpate.files import in_file, new_file, numbers_of, read_json
@@ -19,17 +20,21 @@ from palpate.types.choices import DEFAULT_SENSOR, TrackerChoices
 def info(
     file: Annotated[Path, arg("FILE")], /, *, sensor: Sensor = DEFAULT_SENSOR, orientation: Orientation = ""
 ) -> Report:
-    """Show the contents of a recording (rates, gaps, contacts, truth), a bag, a calibration or a run, and its problems.
+    """Show what a recording (rates, gaps, contacts, truth), bag, calibration, model, sensor or run is, and its faults.
 
     Example: palpate info push.mcap
 
     Args:
-        file: A recording in any known format, a bag, a calibration, or the folder of a run.
+        file: A recording in any known format, a bag, a calibration, the folder of a run or of a touch model, the name
+            of a sensor, or its profile (.toml).
     """
     from palpate.geometry.shapes import shape_to_dict
     from palpate.io import detect_format
     from palpate.pipeline.check_recording import check_recording
 
+    known = _about_model(file) or _about_sensor(file)
+    if known:
+        return Report(file.name, {"file": str(file), **known})
     summary = file / "summary.json"
     if summary.exists():
         return Report(file.name, {"file": str(file), "format": "run", **read_json(summary)})
@@ -44,6 +49,37 @@ def info(
             about = {"format": kind, "source": recording.source, "sensor": recording.sensor.name}
             about |= {"shape": shape_to_dict(recording.shape), **check_recording(recording)}
     return Report(file.name, {"file": str(file), **about})
+
+
+def _about_model(folder: Path) -> dict[str, Any] | None:
+    """Return a touch model in a folder as plain data; None if there is none."""
+    if not (folder / "model.json").exists():
+        return None
+    model = palpate.TouchModel(folder)
+    settings = model.settings
+    return {
+        "format": "touch model",
+        "sensor": settings.sensor,
+        "image_height": settings.image_height,
+        "image_width": settings.image_width,
+        "measures": list(settings.spread),
+        "hash": model.hash,
+        "comes_with_palpate": model.is_shipped,
+    }
+
+
+def _about_sensor(path: Path) -> dict[str, Any] | None:
+    """Return a sensor profile by its name or file as plain data, with its touch model; None for anything else."""
+    from palpate.touch.touch_model import SHIPPED_OF
+    from palpate.types.sensor import ALIASES, SENSORS
+    from palpate.types.sensor_file import known_sensor
+
+    is_name = not path.exists() and str(path).lower() in (*SENSORS, *ALIASES)
+    if not is_name and path.suffix.lower() != ".toml":
+        return None
+    sensor = known_sensor(str(path))
+    model = SHIPPED_OF.get(sensor.name)
+    return {"format": "sensor", **asdict(sensor), "touch_model": model.name if model else "none of its own"}
 
 
 def convert(
@@ -107,7 +143,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     from palpate.io.rosbag_reader import contents
     from palpate.io.rosbag_recording import recording_of
     from palpate.pipeline.check_recording import check_recording
-    from palpate.types.sensor import known_sensor
+    from palpate.types.sensor_file import known_sensor
 
     bag = contents(path)
     choices = palpate.BagChoices(orientation=orientation)
@@ -144,6 +180,8 @@ def calibrate(
     orientation: Orientation = "",
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
     markers: Marker = TrackerChoices.markers,
+    new_sensor: Annotated[Path | None, arg("SENSOR.toml", "none")] = None,
+    gel: Annotated[str | None, arg("flat|RADIUS", "none; --new-sensor needs it")] = None,
     force: Force = False,
 ) -> Report:
     """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses or pushes the rest.
@@ -163,11 +201,15 @@ def calibrate(
             They show the errors of mounting, delay, directions and outlines; UNIT.png draws them. Without FILE or
             images, the first half second of the first one is the untouched gel.
         model: Folder of the touch model that reads presses and pushes.
+        new_sensor: Write the profile of a sensor that palpate does not know, from --untouched, --ruler and --gel. What
+            takes --sensor takes this file.
+        gel: Shape of that sensor's gel: flat, or the radius of its dome, as 21mm.
     """
     from palpate.pipeline.push_calibration import first_images
     from palpate.touch.background import background_of
     from palpate.touch.calibration import write_calibration
     from palpate.touch.touch_model import shipped_model
+    from palpate.types.sensor_file import write_sensor
 
     if (file and untouched) or not (file or untouched or pushes):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
@@ -176,6 +218,11 @@ def calibrate(
     pushed = [palpate.load_recording(path, orientation) for path in pushes]
     recorded = [palpate.load_recording(file, orientation)] if file else pushed
     profile = _sensor_of([*recorded, *pushed], sensor)
+    if new_sensor is not None:
+        _check_new_sensor(new_sensor, untouched, ruler, presses or pushes, force)
+        profile = first_guess(new_sensor.stem, gel, untouched[0], orientation)
+    elif gel is not None:
+        raise SettingError(f"--gel {gel} is of a new sensor; give --new-sensor SENSOR.toml, too")
     look = partial(image_of, profile, orientation, bool(presses) and model is None)
     still = [look(path) for path in untouched] or list(first_images(recorded[0]))
     check_still(still, untouched or repeat(file or pushes[0]))
@@ -186,6 +233,10 @@ def calibrate(
         calibration = palpate.Calibration(background_of(still))
     if ruler:
         calibration = _by_ruler(ruler, look, calibration, profile)
+    if new_sensor is not None:
+        profile = with_scale_of(calibration, profile)
+        write_sensor(profile, new_sensor, overwrite=force)
+        notes.append(f"sensor: {new_sensor}, for --sensor; no touch model is of it until --model names one")
     if presses:
         calibration, of_presses = _by_presses(presses, look, calibration, profile, reader, markers == "auto")
         numbers |= of_presses
@@ -211,9 +262,18 @@ def _check_outputs(out: Path, figure: Path | None, force: bool) -> None:
         new_file(figure, force)
 
 
+def _check_new_sensor(path: Path, untouched: Sequence[Path], ruler: Sequence[str], others: object, force: bool) -> None:
+    """Raise PalpateError unless the profile of a new sensor can be measured and written."""
+    if path.suffix.lower() != ".toml":
+        raise SettingError(f"{path}: extension {path.suffix!r} is of no sensor profile, allowed is .toml")
+    if not untouched or not ruler or others:
+        raise SettingError("--new-sensor takes --untouched, --ruler and --gel; presses and pushes are of a known one")
+    new_file(path, force)
+
+
 def _sensor_of(recordings: Sequence["palpate.Recording"], name: str) -> "palpate.SensorProfile":
     """Return the one sensor of recordings or, without any, that of a name. Raises SettingError if there are several."""
-    from palpate.types.sensor import known_sensor
+    from palpate.types.sensor_file import known_sensor
 
     if not recordings:
         return known_sensor(name)
@@ -230,7 +290,7 @@ def image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours: 
     from palpate.types.images import camera_view, fitted, read_image
 
     size = (profile.image_height, profile.image_width)
-    view = camera_view(orientation)
+    view = camera_view(orientation or profile.orientation)
     with in_file(path):
         image = fitted(read_image(path), size, view)
         if needs_colours and is_grey(image):

@@ -174,7 +174,7 @@ def live(
     Example: palpate live --camera 0 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 
     Args:
-        camera: Camera of a DIGIT, or a video or a folder of images in its place.
+        camera: Camera of the --sensor, by default a DIGIT, or a video or a folder of images in its place.
         poses: Sensor poses: JSON by UDP on this machine.
         replay: A recording or a bag, played in real time.
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
@@ -234,17 +234,18 @@ class _LiveSetting:
 def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: Bag) -> _LiveSetting:
     """Open a camera and a source of poses, which the stack closes. Raises SettingError on missing or wrong options."""
     from palpate.live.camera import camera_sources
+    from palpate.types.sensor_file import known_sensor
 
     first, sigma = start.pose_and_sigma()
     if bag.shape is None or first is None:
         raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
-    if bag != Bag(bag.shape, bag.shape_unit, choices=BagChoices(**placement)):
-        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", *placement))
+    if bag != Bag(bag.shape, bag.shape_unit, bag.sensor, choices=BagChoices(**placement)):
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", "sensor", *placement))
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
     shape = palpate.load_shape(bag.shape, bag.shape_unit)
     with progress_bar("looking for images and poses"):
-        sources = stack.enter_context(camera_sources(camera, poses, palpate.DIGIT, bag.choices))
+        sources = stack.enter_context(camera_sources(camera, poses, known_sensor(bag.sensor), bag.choices))
     return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)
 
 

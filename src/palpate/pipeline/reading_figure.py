@@ -25,7 +25,7 @@ def in_words(reading: ImageReading) -> str:
     if reading.direction is not None:
         angle, sigma = np.degrees(reading.direction)
         return f"direction {angle:.1f} ± {sigma:.1f}°"
-    return "no contact"
+    return "contact, whose place only a touch model could tell" if reading.contact else "no contact"
 
 
 def write_picture(readings: Mapping[str, ImageReading], path: Path, overwrite: bool) -> None:

@@ -22,17 +22,28 @@ def read_difference(model: TouchModel, difference: Difference, sensor: SensorPro
     reading = model.read(difference)
     if "place" not in reading or sensor.pixel_pitch is None:
         return reading
-    shown = sensor.pixel_pitch * sensor.image_width
-    middle, symmetry = middle_of(difference)
-    if symmetry > LEAST_SYMMETRY:
-        sigma = _SIGMA + _SIGMA_OF_ASYMMETRY * (1.0 - symmetry)
+    imprint = read_imprint(difference, sensor)
+    if imprint is not None:
         scale = model.settings.spread["place"].scale  # which is of the network's variance
-        return {**reading, "place": (middle * shown, sigma**2 / scale)}
+        return {**reading, "place": (imprint[0], imprint[1] / scale)}
+    shown = sensor.pixel_pitch * sensor.image_width
     # A network takes images to show as much as those that it was trained on.
     learnt_on = next((each for each in SENSORS.values() if each.name == model.settings.sensor), sensor)
     ratio = shown / ((learnt_on.pixel_pitch or sensor.pixel_pitch) * (learnt_on.image_width or sensor.image_width))
     place, variance = reading["place"]
     return {**reading, "place": (ratio * place, ratio**2 * variance)}
+
+
+def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, float] | None:
+    """Return where along y the imprint in a difference (ROWS, COLUMNS, 3) has its middle, and its variance [m], [m^2].
+
+    None if it is not antisymmetric, so that a network is needed.
+    """
+    middle, symmetry = middle_of(difference)
+    if symmetry <= LEAST_SYMMETRY or sensor.pixel_pitch is None:
+        return None
+    sigma = _SIGMA + _SIGMA_OF_ASYMMETRY * (1.0 - symmetry)
+    return middle * sensor.pixel_pitch * sensor.image_width, sigma**2
 
 
 def middle_of(difference: Difference) -> tuple[float, float]:
