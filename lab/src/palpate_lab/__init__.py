@@ -17,4 +17,6 @@ def required(purpose: str, extras: str, *modules: str) -> Any:
         return [import_module(module) for module in modules][-1]
     except ImportError as error:
         missing = f"{purpose} needs {error.name}, which is not installed: pip install 'palpate-lab[{extras}]'"
+        if "train" in extras:
+            missing += "; PyTorch for CPUs is enough and 3 GB smaller: install it first, as pytorch.org says"
         raise SettingError(missing) from error
