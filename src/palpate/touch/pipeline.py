@@ -82,7 +82,8 @@ class TouchReader:
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
         if model is not None and (self.reads_images or (self._is_open and not self._misfit)):
-            model.read(np.zeros((ROWS, COLUMNS, 3), np.float32))  # opens the network now, not in a robot's loop
+            nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)
+            read_difference(model, nothing, self._sensor)  # opens the network now, not in a robot's loop
 
     @property
     def reads_images(self) -> bool:
