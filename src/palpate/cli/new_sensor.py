@@ -1,6 +1,6 @@
 """The profile of a new kind of sensor, from its untouched image, its shape in words and a ruler."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +10,20 @@ from palpate.files import numbers_of
 if TYPE_CHECKING:
     import palpate
 
-_SHOWN = 0.017  # [m] width of gel that an image is taken to show until a ruler says it
-_EDGE = 2e-3  # [m] radius of the edges of a flat pad, as of a GelSight Mini
-_UNIT_SIGMA = 0.02  # deviation of the pixel pitch from unit to unit, as a share of it
+
+@dataclass(frozen=True)
+class Guess:
+    """A new sensor before it is measured."""
+
+    shown: float = 0.017
+    """Width of gel [m] that an image is taken to show until a ruler says it."""
+    edge: float = 2e-3
+    """Radius of the edges [m] of a flat pad, as of a GelSight Mini."""
+    unit_sigma: float = 0.02
+    """Deviation of the pixel pitch from unit to unit, as a share of it."""
+
+
+_GUESS = Guess()
 
 
 def first_guess(name: str, gel: str | None, still: Path, orientation: str) -> "palpate.SensorProfile":
@@ -29,12 +40,12 @@ def first_guess(name: str, gel: str | None, still: Path, orientation: str) -> "p
     height, width = camera_view(orientation).of(read_image(still)).shape[:2]
     return SensorProfile(
         name=name,
-        radius=1e-3 * radius[0] if radius else _EDGE,
-        flat_width=0.0 if radius else _SHOWN - 2.0 * _EDGE,
-        half_width=0.5 * _SHOWN,
+        radius=1e-3 * radius[0] if radius else _GUESS.edge,
+        flat_width=0.0 if radius else _GUESS.shown - 2.0 * _GUESS.edge,
+        half_width=0.5 * _GUESS.shown,
         image_height=height,
         image_width=width,
-        pixel_pitch=_SHOWN / width,
+        pixel_pitch=_GUESS.shown / width,
         orientation=orientation,
     )
 
@@ -48,7 +59,7 @@ def with_scale_of(unit: "palpate.Calibration", guess: "palpate.SensorProfile") -
     else:
         flat_width = 0.0
         half_width = min(half_width, 0.99 * guess.radius)
-    sigma = (unit.pixel_pitch_sigma**2 + _UNIT_SIGMA**2) ** 0.5
+    sigma = (unit.pixel_pitch_sigma**2 + _GUESS.unit_sigma**2) ** 0.5
     return replace(
         guess, half_width=half_width, flat_width=flat_width, pixel_pitch=unit.pixel_pitch, pixel_pitch_sigma=sigma
     )

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain
-from palpate.cli.options import Force, Marker, Orientation, Sensor, arg
+from palpate.cli.options import Force, Orientation, Sensor, SensorUnit, arg
 from palpate.errors import PalpateError, SettingError
 from palpate.files import in_file, new_file
-from palpate.types.choices import DEFAULT_SENSOR, TrackerChoices
+from palpate.types.choices import DEFAULT_SENSOR
 
 if TYPE_CHECKING:
     from palpate.touch.one_image import ImageReader, ImageReading
@@ -23,11 +23,9 @@ def read(
     /,
     *,
     untouched: Annotated[tuple[Path, ...], arg("IMAGE", "none; or --calibration")] = (),
-    calibration: Annotated[Path | None, arg("UNIT.npz", "none; or --untouched")] = None,
+    unit: SensorUnit = SensorUnit(),
     sensor: Sensor = DEFAULT_SENSOR,
     orientation: Orientation = "",
-    model: Annotated[Path | None, arg("MODEL", "the sensor's own, else none")] = None,
-    markers: Marker = TrackerChoices.markers,
     out: Annotated[Path | None, arg("PICTURE.png", "runs/read.png, replaced each time")] = None,
     force: Force = False,
 ) -> Report:
@@ -39,9 +37,7 @@ def read(
 
     Args:
         images: Images of one sensor unit.
-        untouched: Images of its untouched gel.
-        calibration: Its calibration, from palpate calibrate, in place of --untouched.
-        model: Folder of a touch model, or the name of a sensor whose own it is.
+        untouched: Images of its untouched gel, in place of --calibration.
         out: The picture to write.
     """
     from palpate.pipeline.reading_figure import MOST, in_words, write_picture
@@ -49,11 +45,11 @@ def read(
 
     if not images:
         raise SettingError("read takes an image or several: palpate read IMAGE ... --untouched STILL.png")
-    if bool(untouched) == (calibration is not None):
+    if bool(untouched) == (unit.calibration is not None):
         raise SettingError("read: give either --untouched images or --calibration UNIT.npz")
     if out is not None:
         new_file(out, force)
-    reader, look = _opened(untouched, calibration, sensor, orientation, model, markers == "auto")
+    reader, look = _opened(untouched, unit, sensor, orientation)
     readings: dict[str, ImageReading] = {}
     for file in images:
         try:
@@ -85,14 +81,7 @@ def about_reading(name: str, reading: "ImageReading", is_flat: bool) -> dict[str
     return about | {"direction_deg": angle and degrees(angle), "direction_sigma_deg": sigma and degrees(sigma)}
 
 
-def _opened(
-    untouched: tuple[Path, ...],
-    calibration: Path | None,
-    sensor: str,
-    orientation: str,
-    model: Path | None,
-    seek_markers: bool,
-) -> tuple["ImageReader", Any]:
+def _opened(untouched: tuple[Path, ...], unit: SensorUnit, sensor: str, orientation: str) -> tuple["ImageReader", Any]:
     """Return the reader of a unit, and the function that reads an image from a file."""
     from functools import partial
 
@@ -103,14 +92,15 @@ def _opened(
     from palpate.types.sensor_file import known_sensor
 
     profile = known_sensor(sensor)
+    seek_markers = unit.markers == "auto"
     reader: Any = None  # an own sensor without a model is read by the middles of its imprints
-    if model:
-        reader = palpate.TouchModel(model)
+    if unit.model:
+        reader = palpate.TouchModel(unit.model)
     elif profile.name in SHIPPED_OF:
         reader = shipped_model(profile.name)
     look = partial(image_of, profile, orientation, reader is not None and reader.is_shipped)
-    if calibration is not None:
-        return ImageReader(profile, palpate.load_calibration(calibration), reader, seek_markers), look
+    if unit.calibration is not None:
+        return ImageReader(profile, palpate.load_calibration(unit.calibration), reader, seek_markers), look
     still = [look(path) for path in untouched]
     check_still(still, untouched)
     return ImageReader(profile, palpate.Calibration(background_of(still)), reader, seek_markers), look

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 MOST = 12
 """Images that a picture shows."""
-_AMPLIFIED = 2.0
 
 
 def in_words(reading: ImageReading) -> str:
@@ -41,7 +40,7 @@ def write_picture(readings: Mapping[str, ImageReading], path: Path, overwrite: b
             left.set_title(f"{name}: {in_words(reading)}", loc="left", fontsize=9)
             right.set_title("change, twice as strong", loc="left", fontsize=9)
             _draw(left, reading.image, reading)
-            _draw(right, np.clip(128.0 + _AMPLIFIED * change, 0, 255).astype(np.uint8), reading)
+            _draw(right, np.clip(128.0 + 2.0 * change, 0, 255).astype(np.uint8), reading)
         figure.savefig(part, format="png", dpi=100)
 
 

@@ -5,16 +5,28 @@ other: an imprint is antisymmetric about its middle. No network has to know the 
 by the border or wider than the image, as of long edges, are not; there the network's place is better.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from palpate.touch.touch_model import COLUMNS, ROWS, Difference, Reading, TouchModel
 from palpate.types.sensor import SENSORS, SensorProfile
 
-LEAST_SYMMETRY = 0.4
-"""Symmetry from which the middle is better than the network: 0.3 mm off in the median of pushes by drawn units and not
-0.5, of balls 0.1 and not 0.3."""
-_SIGMA = 4e-5  # [m] of the middle of a fully antisymmetric imprint
-_SIGMA_OF_ASYMMETRY = 5.5e-4  # [m] more for one without any symmetry: 95 % of balls on drawn units are within 2 sigma
+
+@dataclass(frozen=True)
+class ImprintSettings:
+    """Limits and errors of middles of imprints."""
+
+    least_symmetry: float = 0.4
+    """Symmetry from which the middle is better than the network: 0.3 mm off in the median of pushes by drawn units and
+    not 0.5, of balls 0.1 and not 0.3."""
+    sigma: float = 4e-5
+    """Standard deviation [m] of the middle of a fully antisymmetric imprint."""
+    sigma_of_asymmetry: float = 5.5e-4
+    """More of it [m] for one without any symmetry: 95 % of balls on drawn units are within 2 sigma."""
+
+
+_MIDDLE = ImprintSettings()
 
 
 def read_difference(model: TouchModel, difference: Difference, sensor: SensorProfile) -> Reading:
@@ -40,9 +52,9 @@ def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, 
     None if it is not antisymmetric, so that a network is needed.
     """
     middle, symmetry = middle_of(difference)
-    if symmetry <= LEAST_SYMMETRY or sensor.pixel_pitch is None:
+    if symmetry <= _MIDDLE.least_symmetry or sensor.pixel_pitch is None:
         return None
-    sigma = _SIGMA + _SIGMA_OF_ASYMMETRY * (1.0 - symmetry)
+    sigma = _MIDDLE.sigma + _MIDDLE.sigma_of_asymmetry * (1.0 - symmetry)
     return middle * sensor.pixel_pitch * sensor.image_width, sigma**2
 
 

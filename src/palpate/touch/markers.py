@@ -14,24 +14,32 @@ from palpate.config import CONTACT_DETECTION
 from palpate.errors import SettingError
 from palpate.touch.cells import NEIGHBOURS, third_of_cell
 
-LEVELS = 12.0
-"""Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have some."""
-TIMES = (1.0, 1.6, 2.4)
-"""Widths that no marker has, tried from the smallest, as multiples of 0.8 mm on a GelSight Mini."""
-MORE = 1.3
-"""Times as many pixels of markers with which a greater width is taken: with the smaller one some are cut off."""
-FEWEST = 6
-"""Fewest markers: fewer dark spots are dirt."""
-OF_DARK = 0.5
-"""Least share of all dark pixels that are of markers: what is darker than its surroundings without markers has every
-size and form."""
-FILLED = 0.4
-"""Least share of the square around a marker that it fills, which shades and scratches do not."""
-
-IN_PLACE = 0.4
-"""Least share of a gel's markers that a touched image shows in place; other grids have as much as markers cover."""
-
 AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
+
+
+@dataclass(frozen=True)
+class MarkerSettings:
+    """Limits by which markers are told from other dark spots."""
+
+    levels: float = 12.0
+    """Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have
+    some."""
+    times: tuple[float, ...] = (1.0, 1.6, 2.4)
+    """Widths that no marker has, tried from the smallest, as multiples of 0.8 mm on a GelSight Mini."""
+    more: float = 1.3
+    """Times as many pixels of markers with which a greater width is taken: with the smaller one some are cut off."""
+    fewest: int = 6
+    """Fewest markers: fewer dark spots are dirt."""
+    of_dark: float = 0.5
+    """Least share of all dark pixels that are of markers: what is darker than its surroundings without markers has
+    every size and form."""
+    filled: float = 0.4
+    """Least share of the square around a marker that it fills, which shades and scratches do not."""
+    in_place: float = 0.4
+    """Least share of a gel's markers that a touched image shows in place; other grids have as much as markers cover."""
+
+
+_LIMITS = MarkerSettings()
 
 
 @dataclass(frozen=True)
@@ -48,11 +56,11 @@ def find_markers(untouched: NDArray[Any]) -> Markers | None:
     """Return the markers that an image (height, width, 3) of an untouched gel shows; None if there are none."""
     found: Markers | None = None
     most = 0
-    for times in TIMES:
+    for times in _LIMITS.times:
         width = max(round(times * NEIGHBOURS * third_of_cell(*untouched.shape[:2])), 1)
         dark, _ = _dark_spots(untouched, width)
         area = _area_of_dots(dark, width)
-        if area > CONTACT_DETECTION.start * dark.size and area > MORE * most:
+        if area > CONTACT_DETECTION.start * dark.size and area > _LIMITS.more * most:
             found = Markers(width, float(np.count_nonzero(_with_edges(dark))) / dark.size)
             most = area
     return found
@@ -81,10 +89,10 @@ def check_markers(image: NDArray[Any], untouched: NDArray[Any], markers: Markers
     of_gel, _ = _dark_spots(untouched, markers.width)
     of_image, _ = _dark_spots(image, markers.width)
     in_place = np.count_nonzero(of_gel & of_image) / np.count_nonzero(of_gel)
-    if in_place < IN_PLACE:
+    if in_place < _LIMITS.in_place:
         raise SettingError(
             f"image: shows {in_place:.0%} of the dots of the untouched gel where they are there, expected are "
-            f"{IN_PLACE:.0%} or more: is it of another unit?"
+            f"{_LIMITS.in_place:.0%} or more: is it of another unit?"
         )
 
 
@@ -94,7 +102,7 @@ def _dark_spots(image: NDArray[Any], width: int) -> tuple[NDArray[np.uint8], Any
 
     filled = cv2.morphologyEx(image, cv2.MORPH_CLOSE, np.ones((width, width), np.uint8))
     darker = cv2.cvtColor(cv2.subtract(filled, image), cv2.COLOR_RGB2GRAY)
-    return (darker > LEVELS).astype(np.uint8), filled
+    return (darker > _LIMITS.levels).astype(np.uint8), filled
 
 
 def _area_of_dots(dark: NDArray[np.uint8], width: int) -> int:
@@ -108,9 +116,11 @@ def _area_of_dots(dark: NDArray[np.uint8], width: int) -> int:
     area = spots[:, cv2.CC_STAT_AREA]
     are_whole = ((place > 0) & (place + extent < dark.shape[::-1])).all(axis=1)
     least = _edge(dark)
-    are_dots = are_whole & ((extent >= least) & (extent < width)).all(axis=1) & (area > FILLED * extent.prod(axis=1))
+    are_dots = (
+        are_whole & ((extent >= least) & (extent < width)).all(axis=1) & (area > _LIMITS.filled * extent.prod(axis=1))
+    )
     of_dots = int(area[are_dots].sum())
-    return of_dots if np.count_nonzero(are_dots) >= FEWEST and of_dots > OF_DARK * area.sum() else 0
+    return of_dots if np.count_nonzero(are_dots) >= _LIMITS.fewest and of_dots > _LIMITS.of_dark * area.sum() else 0
 
 
 def _with_edges(dark: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -20,9 +20,6 @@ from palpate.touch.pipeline import GREY, angle_factor, misfit
 from palpate.touch.touch_model import Difference, TouchModel, difference_in_light, reduced
 from palpate.types.sensor import SensorProfile
 
-_PLACE_SIGMA = 3e-4
-"""Standard deviation of the place of an image on the pad [m], of a unit without calibration."""
-
 
 @dataclass(frozen=True, eq=False)
 class ImageReading:
@@ -108,7 +105,8 @@ class ImageReader:
     def _place(self, measured: float, variance: float) -> tuple[float, float]:
         """Return a place along y and its standard deviation [m], from that in the image and its variance [m^2]."""
         place = measured - self._calibration.place_offset
-        offset_sigma = self._calibration.place_offset_sigma or _PLACE_SIGMA
+        of_units = 3e-4  # [m] standard deviation of the place of an image on the pad
+        offset_sigma = self._calibration.place_offset_sigma or of_units
         return place, math.hypot(math.sqrt(variance), offset_sigma, self._sensor.pixel_pitch_sigma * place)
 
     def _direction(self, measured: float, variance: float) -> tuple[float, float]:

@@ -35,12 +35,6 @@ LEFT_OR_RIGHT = 3.0
 """Least difference of the log likelihoods of a view and of its mirror image that decides between them."""
 _OFFSET_SIGMA = np.radians(2.0)  # [rad] standard deviation of the offset before any press
 _SCALE_SIGMA = 0.1  # standard deviation of the scale before any press
-_PLACE_SCALE_SIGMA = 0.03  # standard deviation of the scale of given places: of slides, rulers and clicks in images
-_WORST_PLACE = 1e-3  # [m] the same of places on a flat pad
-_GIVEN_PLACE_SIGMA = 1e-4  # [m] error of given places
-_FROM_MIDDLE = 1.5e-3
-"""Largest error of places on a flat pad [m], five times the usual; if given places are farther off, they are measured
-from elsewhere than the middle of the pad."""
 _OTHER_OBJECTS_SIGMA = 0.06  # standard deviation of the scale of other objects about that of a ball
 _GIVEN_ANGLE_SIGMA = np.radians(0.3)  # [rad] error of given angles
 _IMPRINT_ANGLE_SIGMA = np.radians(1.5)  # [rad] error of angles that imprints show
@@ -48,6 +42,24 @@ _LEAST_RANK_CORRELATION = 0.9  # of imprints that lie in the order of their pres
 _LEAST_CORRELATION = 0.25  # of the two imprints of a ruler: nearly all simulated ones have more, a single one has 0.15
 _RULER_RELATIVE_SIGMA = 0.04  # error of the distance of two imprints as a share of it, from their flanks
 _RULER_SIGMA = 1e-4  # [m] further error of that distance
+
+
+@dataclass(frozen=True)
+class PlaceSettings:
+    """Errors of given places on a flat pad."""
+
+    place_scale_sigma: float = 0.03
+    """Standard deviation of the scale of given places: of slides, rulers and clicks in images."""
+    worst_place: float = 1e-3
+    """Largest scatter about the line [m]; more means wrong presses or places."""
+    given_place_sigma: float = 1e-4
+    """Error of given places [m]."""
+    from_middle: float = 1.5e-3
+    """Largest constant error of places [m], five times the usual; if given places are farther off, they are measured
+    from elsewhere than the middle of the pad."""
+
+
+_PLACES = PlaceSettings()
 
 
 def with_ruler(calibration: Calibration, image: Image, length: float, sensor: SensorProfile) -> Calibration:
@@ -247,11 +259,11 @@ def _check_touched(presses: Presses, calibration: Calibration, sensor: SensorPro
 def _check_scatter(fit: _ViewFit, presses: Presses) -> None:
     """Raise FileError if measured directions scatter too far about the line over the angles of the presses."""
     if presses.place is not None:
-        if fit.scatter > _WORST_PLACE:
+        if fit.scatter > _PLACES.worst_place:
             raise FileError(
                 f"place_mm: what the presses show lies {1e3 * fit.scatter:.1f} mm about a line over the given places, "
-                f"which span {1e3 * np.ptp(presses.place):.2g} mm; allowed is {1e3 * _WORST_PLACE:g} mm: are they "
-                "right, and is the untouched gel of this unit, and untouched?"
+                f"which span {1e3 * np.ptp(presses.place):.2g} mm; allowed is {1e3 * _PLACES.worst_place:g} mm: are "
+                "they right, and is the untouched gel of this unit, and untouched?"
             )
         return
     if not np.isfinite(presses.angle).all():
@@ -311,8 +323,8 @@ def _fit_places_in_view(
     unit = calibrated(sensor, calibration)
     readings = np.array([read_difference(model, difference, unit)["place"] for difference in differences])
     measured = readings[:, 0]
-    variance = readings[:, 1] * model.settings.spread["place"].scale + _GIVEN_PLACE_SIGMA**2
-    scale_sigma = math.hypot(_PLACE_SCALE_SIGMA, unit.pixel_pitch_sigma)
+    variance = readings[:, 1] * model.settings.spread["place"].scale + _PLACES.given_place_sigma**2
+    scale_sigma = math.hypot(_PLACES.place_scale_sigma, unit.pixel_pitch_sigma)
     middle = presses.place.mean()  # so that places from far away lose no digits
     (offset, scale), sigmas, log_likelihood = _fitted_line(
         presses.place - middle, measured, variance, (1.0, scale_sigma)
@@ -324,7 +336,7 @@ def _fit_places_in_view(
     pitch_sigma = min(float(sigmas[1]) / scale * inflation, 0.5)
     calibration = replace(calibration, pixel_pitch=unit.pixel_pitch / scale, pixel_pitch_sigma=pitch_sigma)
     from_middle = float(offset / scale - middle)
-    if abs(from_middle) < _FROM_MIDDLE:
+    if abs(from_middle) < _PLACES.from_middle:
         offset_sigma = inflation * math.hypot(sigmas[0] / scale, pitch_sigma * middle)
         calibration = replace(calibration, place_offset=from_middle, place_offset_sigma=offset_sigma)
     return _ViewFit(log_likelihood, calibration, presses.place, scatter)

@@ -16,8 +16,6 @@ from palpate.types.sensor import ALIASES, SENSORS, SensorProfile
 
 SUFFIX = ".toml"
 NEEDED = ("name", "radius", "image_height", "image_width")
-_WIDEST = 0.3
-"""Largest length of a gel [m]; a greater one is in another unit."""
 _COMMENTS = {
     "name": "of your own; a touch model belongs to a name",
     "radius": "[m] of the dome, of a flat pad that of its edges",
@@ -60,14 +58,15 @@ def read_sensor(path: Path | str) -> SensorProfile:
 
 def _check_metres(found: dict[str, Any]) -> None:
     """Raise FileError, which names the field, if a length in a file is in another unit than metres."""
+    widest = 0.3  # [m] largest length of a gel; a greater one is in another unit
     for name in ("radius", "flat_width", "half_width"):
         value = found.get(name, 0.0)
-        if isinstance(value, int | float) and value > _WIDEST:
+        if isinstance(value, int | float) and value > widest:
             hint = other_unit(value, 1e-3, 0.1)
-            raise FileError(f"{name}: found {value:g}; expected a length of at most {_WIDEST} m{hint}")
+            raise FileError(f"{name}: found {value:g}; expected a length of at most {widest} m{hint}")
     pitch = found.get("pixel_pitch")
     columns = found["image_width"]
-    if isinstance(pitch, int | float) and isinstance(columns, int) and pitch * columns > _WIDEST:
+    if isinstance(pitch, int | float) and isinstance(columns, int) and pitch * columns > widest:
         hint = f": are these {pitch:g} px/mm? They are {1e-3 / pitch:.3g} m" if pitch > 1.0 else ": is it in mm?"
         raise FileError(f"pixel_pitch: found {pitch:g}; expected the width of a pixel on the gel in metres{hint}")
 
