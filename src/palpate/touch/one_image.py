@@ -14,7 +14,7 @@ from palpate.errors import SettingError
 from palpate.touch.calibration import Calibration, calibrated
 from palpate.touch.cells import is_grey
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.imprint import read_difference, read_imprint
+from palpate.touch.imprint_middle import read_difference, read_imprint
 from palpate.touch.markers import check_markers, find_markers
 from palpate.touch.pipeline import GREY, angle_factor, misfit
 from palpate.touch.touch_model import Difference, TouchModel, difference_in_light, reduced

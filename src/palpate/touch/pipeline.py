@@ -11,7 +11,7 @@ from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import is_grey
-from palpate.touch.imprint import read_difference
+from palpate.touch.imprint_middle import read_difference
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,

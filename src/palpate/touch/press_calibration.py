@@ -21,7 +21,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorrection, calibrated, mismatch
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.imprint import read_difference
+from palpate.touch.imprint_middle import read_difference
 from palpate.touch.markers import check_markers, find_markers, without_markers
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
