@@ -49,8 +49,11 @@ def kernel(function: F, **options: Any) -> F:
 
 
 def compiled(function: F, **options: Any) -> F:
-    """Compile a function with Numba at its first call, or load it from Numba's cache."""
-    made: Any = _jit(function, **options)
+    """Compile a function with Numba at its first call, or load it from Numba's cache.
+
+    It runs without the interpreter's lock, so that trackers in several threads share the cores.
+    """
+    made: Any = _jit(function, nogil=True, **options)
     with suppress(RuntimeError):  # no folder for a cache can be written
         made._cache = _Cache(function)
     return made

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.errors import SettingError
 from palpate.geometry.se2 import Sigmas
-from palpate.types.choices import SmootherName, TactileChoice, TrackerChoices
+from palpate.types.choices import MarkersChoice, SmootherName, TactileChoice, TrackerChoices
 from palpate.types.measurements import finite_numbers
 
 Normal = tuple[float, float]
@@ -254,6 +254,7 @@ class TrackerSettings(TrackerChoices):
     def __post_init__(self) -> None:
         _check_choice("tactile", self.tactile, get_args(TactileChoice))
         _check_choice("smoother", self.smoother, get_args(SmootherName))
+        _check_choice("markers", self.markers, get_args(MarkersChoice))
         if not isinstance(self.noise, NoiseSettings):
             raise SettingError(f"noise is {self.noise!r}; it must be palpate.NoiseSettings(...)")
         _check_positive("disturbance_rate", self.disturbance_rate, 10.0, "a rate above 0, up to 10/s")

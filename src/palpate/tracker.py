@@ -30,7 +30,8 @@ from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import check_arguments, first_pose_of, noise_of_unit
 from palpate.types.estimate import Estimate
 from palpate.types.measurements import Frame, Measurement
-from palpate.types.sensor import POINT, SensorProfile, known_sensor
+from palpate.types.sensor import POINT, SensorProfile
+from palpate.types.sensor_file import known_sensor
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +74,7 @@ class Tracker:
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         warm_up()
         self._correction = SensorCorrection(calibration.set_up if calibration else None)
-        self._gate = InputGate(sensor, calibration)
+        self._gate = InputGate(sensor, calibration, settings.markers == "auto")
         self._is_touch_given = touch is not None
         is_view_known |= calibration is not None and calibration.is_view_known
         pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma

@@ -20,7 +20,10 @@ def required(purpose: str, extras: str, *modules: str) -> Any:
     except ImportError as error:
         _check_mujoco(purpose)
         command = install_command(extras, LABORATORY)
-        raise SettingError(f"{purpose} needs {error.name}, which is not installed: {command}") from error
+        missing = f"{purpose} needs {error.name}, which is not installed: {command}"
+        if "train" in extras:
+            missing += "; PyTorch for CPUs is enough and 3 GB smaller: install it first, as pytorch.org says"
+        raise SettingError(missing) from error
     except OSError as error:  # of a shared library
         _check_mujoco(purpose)
         raise SettingError(f"{purpose} needs a library that cannot be loaded: {error}") from error

@@ -14,6 +14,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TypeAlias
 
 from palpate.cli.console import Report
+from palpate.cli.read import read
 from palpate.cli.recordings import calibrate, convert, info
 from palpate.cli.track import live, ros2, track, warm_up
 from palpate.errors import SettingError
@@ -25,6 +26,7 @@ Command: TypeAlias = Callable[..., Report | int]
 GROUP = "palpate.commands"
 OWN: dict[str, Command] = {
     "info": info,
+    "read": read,
     "track": track,
     "live": live,
     "convert": convert,
@@ -47,7 +49,7 @@ LABORATORY = {
 """Commands of palpate-lab, and the extras that each needs."""
 GROUPS = {
     "Track an object": ("demo", "info", "track", "live"),
-    "Your sensor and your data": ("convert", "calibrate", "truth-print", "truth-camera", "truth"),
+    "Your sensor and your data": ("convert", "read", "calibrate", "truth-print", "truth-camera", "truth"),
     "Many recordings": ("simulate", "evaluate", "compare", "tune", "train", "paper"),
     "Set up": ("ros2", "warm-up"),
 }

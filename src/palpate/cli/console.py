@@ -20,8 +20,8 @@ class Report:
     """Result of a command."""
 
     title: str
-    data: dict[str, Any]
-    """The JSON object of the command."""
+    data: dict[str, Any] | list[dict[str, Any]]
+    """The JSON object of the command, or a list of them, which needs `shown`."""
     shown: dict[str, Any] | None = None
     """Content of its tables, by default that of the JSON object."""
     lines: Sequence[str] = ()
@@ -32,7 +32,7 @@ class Report:
     """Exit code."""
 
     def print(self, as_json: bool, show_all: bool = False) -> None:
-        """Print one JSON object, or the lines, or tables with its keys: of values, and one for each list of objects."""
+        """Print JSON, or the lines, or tables with its keys: of values, and one for each list of objects."""
         if as_json:
             print(json.dumps(self.data, indent=2, allow_nan=False))
             return
@@ -49,7 +49,8 @@ class Report:
         """Return at most so many rows of cells by the title of their table; the first table has the single values."""
         values: list[list[str]] = []
         tables = {self.title: values}
-        for key, value in (self.data if self.shown is None else self.shown).items():
+        shown = self.shown if isinstance(self.data, list) else self.shown or self.data
+        for key, value in (shown or {}).items():
             rows = dict(enumerate(value)) if isinstance(value, list) else value
             if not (isinstance(rows, dict) and rows and all(isinstance(row, dict) for row in rows.values())):
                 if value is not None and value != "":

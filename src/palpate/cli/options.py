@@ -18,6 +18,7 @@ from palpate.types.choices import (
     DEFAULT_NOISE,
     DEFAULT_SENSOR,
     BagChoices,
+    MarkersChoice,
     Normal,
     SmootherName,
     TactileChoice,
@@ -44,7 +45,13 @@ RecordingsFolder: TypeAlias = Annotated[
     Path, arg("DIR", help="Folder of recordings in any known format; folders in it are searched too.")
 ]
 Force: TypeAlias = Annotated[bool, tyro.conf.arg(help="Replace existing output.")]
-Sensor: TypeAlias = Annotated[str, tyro.conf.arg(metavar="NAME", help="Sensor profile: digit or gelsight-mini.")]
+Sensor: TypeAlias = Annotated[
+    str, tyro.conf.arg(metavar="NAME|FILE", help="Sensor: digit, gelsight-mini, or a profile, my_sensor.toml.")
+]
+Marker: TypeAlias = Annotated[
+    MarkersChoice,
+    arg(help="Dark dots on the gel are found and left out (auto), or images are taken as they are (off)."),
+]
 Orientation: TypeAlias = Annotated[
     str,
     arg(
@@ -93,6 +100,7 @@ class SensorUnit:
     """Folder of a touch model, or the name of a sensor whose own it is."""
     calibration: Annotated[Path | None, arg("UNIT.npz", "the first half second is taken as untouched")] = None
     """Calibration of the sensor unit, from palpate calibrate."""
+    markers: Marker = TrackerChoices.markers
 
     def load(self, *tactile: str) -> "tuple[palpate.TouchModel | None, palpate.Calibration | None]":
         """Read model and calibration, None where not given. Raises SettingError for a model that no touch uses."""
@@ -126,11 +134,13 @@ class Estimator:
     hypotheses: Annotated[int, arg("N")] = TrackerChoices.hypotheses
     """Largest number of hypotheses kept while touch is ambiguous; more are allowed at the start of a contact."""
 
-    def settings(self, tactile: TactileChoice) -> "palpate.TrackerSettings":
+    def settings(
+        self, tactile: TactileChoice, markers: MarkersChoice = TrackerChoices.markers
+    ) -> "palpate.TrackerSettings":
         """Return the settings of a tracker."""
         from palpate.noise_file import noise_of
 
-        return palpate.TrackerSettings(tactile, self.smoother, self.hypotheses, noise_of(self.noise))
+        return palpate.TrackerSettings(tactile, self.smoother, self.hypotheses, markers, noise_of(self.noise))
 
 
 @dataclass(frozen=True)
@@ -185,7 +195,7 @@ class Bag:
     def read(self, file: Path) -> "palpate.BagReading":
         """Read a recording or, with --shape, a bag of ROS messages and the plane of its push. Raises SettingError."""
         from palpate.io import detect_format
-        from palpate.types.sensor import known_sensor
+        from palpate.types.sensor_file import known_sensor
         from palpate.types.space import flat
 
         orientation = self.choices.orientation
@@ -206,7 +216,7 @@ class Bag:
 
     def _missing(self, file: Path) -> str:
         """Return a sentence on all that a bag needs which is not given: the object, and topics of several."""
-        from palpate.types.sensor import known_sensor
+        from palpate.types.sensor_file import known_sensor
 
         needs = f"{file}: is a bag, which needs --shape NAME|FILE and, unless --object-poses has them, --first-pose"
         try:

@@ -5,30 +5,32 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from functools import partial
 from itertools import repeat
-from math import degrees
+from math import degrees, hypot
 from pathlib import Path
 from typing import Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, progress_bar
-from palpate.cli.options import Bag, Force, Orientation, Sensor, arg
+from palpate.cli.new_sensor import first_guess, with_scale_of
+from palpate.cli.options import Bag, Force, Marker, Orientation, Sensor, arg
 from palpate.errors import FileError, SettingError, kept_warnings
 from palpate.files import in_file, new_file, numbers_of, read_json
 from palpate.hints import own_command
-from palpate.types.choices import DEFAULT_SENSOR, TableChoices
+from palpate.types.choices import DEFAULT_SENSOR, TableChoices, TrackerChoices
 
 
 def info(
     file: Annotated[Path, arg("FILE")], /, *, sensor: Sensor = DEFAULT_SENSOR, orientation: Orientation = ""
 ) -> Report:
-    """Show the contents of a recording (rates, gaps, contacts, truth), a bag, a calibration or a run, and its problems.
+    """Show what a recording (rates, gaps, contacts, truth), bag, calibration, model, sensor or run is, and its faults.
 
     Of a folder of images it shows how to convert it.
 
     Example: palpate info push.mcap
 
     Args:
-        file: A recording in any known format, a bag, a calibration, or the folder of a run or of images.
+        file: A recording in any known format, a bag, a calibration, the folder of a run, of images or of a touch model,
+            the name of a sensor, or its profile (.toml).
     """
     from palpate.geometry.shapes import shape_to_dict
     from palpate.io import detect_format
@@ -38,6 +40,9 @@ def info(
     from palpate.pipeline.check_recording import check_recording
     from palpate.pipeline.report import run_lines
 
+    known = _about_model(file) or _about_sensor(file)
+    if known:
+        return Report(file.name, {"file": str(file), **known})
     summary = file / "summary.json"
     if summary.exists():
         found = read_json(summary)
@@ -58,6 +63,37 @@ def info(
             about = {"format": kind, "source": recording.source, "sensor": recording.sensor.name}
             about |= {"shape": shape_to_dict(recording.shape), **check_recording(recording)}
     return Report(file.name, {"file": str(file), **about})
+
+
+def _about_model(folder: Path) -> dict[str, Any] | None:
+    """Return a touch model in a folder as plain data; None if there is none."""
+    if not (folder / "model.json").exists():
+        return None
+    model = palpate.TouchModel(folder)
+    settings = model.settings
+    return {
+        "format": "touch model",
+        "sensor": settings.sensor,
+        "image_height": settings.image_height,
+        "image_width": settings.image_width,
+        "measures": list(settings.spread),
+        "hash": model.hash,
+        "comes_with_palpate": model.is_shipped,
+    }
+
+
+def _about_sensor(path: Path) -> dict[str, Any] | None:
+    """Return a sensor profile by its name or file as plain data, with its touch model; None for anything else."""
+    from palpate.touch.touch_model import SHIPPED_OF
+    from palpate.types.sensor import ALIASES, SENSORS
+    from palpate.types.sensor_file import known_sensor
+
+    is_name = not path.exists() and str(path).lower() in (*SENSORS, *ALIASES)
+    if not is_name and path.suffix.lower() != ".toml":
+        return None
+    sensor = known_sensor(str(path))
+    model = SHIPPED_OF.get(sensor.name)
+    return {"format": "sensor", **asdict(sensor), "touch_model": model.name if model else "none of its own"}
 
 
 def convert(
@@ -112,7 +148,7 @@ def _sources_and_target(
 def _converted(source: Path, episode: int, bag: Bag, tables: TableChoices) -> "palpate.Recording":
     """Return a recording, bag, folder or dataset as a recording. Raises PalpateError."""
     from palpate.io.lerobot import is_lerobot, read_lerobot
-    from palpate.types.sensor import known_sensor
+    from palpate.types.sensor_file import known_sensor
 
     if is_lerobot(source):
         shape = bag.shape and palpate.load_shape(bag.shape, bag.shape_unit)
@@ -138,7 +174,7 @@ def _convert_to_lerobot(sources: Sequence[Path], target: Path, force: bool, bag:
 def _folder_recording(folder: Path, bag: Bag, tables: TableChoices) -> "palpate.Recording":
     """Return a folder of images with tables as a recording. Raises PalpateError."""
     from palpate.io.image_folder import image_files, read_folder
-    from palpate.types.sensor import known_sensor
+    from palpate.types.sensor_file import known_sensor
 
     if not folder.is_dir():
         raise FileError(f"{folder}: is no folder; --poses and its options are for a folder of images")
@@ -155,7 +191,10 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
     """Return a calibration as plain data; noise is that of cells of an untouched image over time [grey levels]."""
     import numpy as np
 
+    from palpate.touch.markers import find_markers
+
     gel = calibration.background
+    markers = find_markers(gel.mean)
     direction = calibration.direction
     pitch = calibration.pixel_pitch
     height, width = gel.mean.shape[:2]
@@ -164,8 +203,11 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
         "height": height,
         "width": width,
         "noise_levels": float(np.median(gel.noise)) if gel.noise.any() else None,  # a single image has none
+        "markers_share": markers.share if markers else 0.0,
         "view": str(calibration.view),
         "is_view_measured": calibration.is_view_known,
+        "place_offset_mm": 1e3 * calibration.place_offset,
+        "place_offset_sigma_mm": 1e3 * calibration.place_offset_sigma if calibration.place_offset_sigma else None,
         "pixel_pitch_mm": 1e3 * pitch if pitch else None,
         "pixel_pitch_sigma_mm": 1e3 * pitch * calibration.pixel_pitch_sigma if pitch else None,
         "offset_deg": degrees(direction.offset),
@@ -181,7 +223,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     from palpate.io.rosbag_reader import contents
     from palpate.io.rosbag_recording import recording_of
     from palpate.pipeline.check_recording import check_recording
-    from palpate.types.sensor import known_sensor
+    from palpate.types.sensor_file import known_sensor
 
     with kept_warnings() as warnings:
         bag = contents(path)
@@ -223,6 +265,9 @@ def calibrate(
     sensor: Sensor = DEFAULT_SENSOR,
     orientation: Orientation = "",
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None,
+    markers: Marker = TrackerChoices.markers,
+    new_sensor: Annotated[Path | None, arg("SENSOR.toml", "none")] = None,
+    gel: Annotated[str | None, arg("flat|RADIUS", "none; --new-sensor needs it")] = None,
     force: Force = False,
 ) -> Report:
     """Calibrate a sensor unit: its untouched gel, by a ruler the scale of its images, by presses or pushes the rest.
@@ -232,9 +277,9 @@ def calibrate(
     Args:
         file: A recording with images, whose first half second is untouched.
         out: File of the calibration.
-        presses: Five or more presses, which also show errors of directions: a CSV of images (column file) at known
-            contact angles (column angle_deg) or places along the pad's width (column place_mm) or, with the column file
-            alone, by hand in order from -y to +y, which finds left and right only.
+        presses: Three or more presses, better five, which also show errors of directions and places: a CSV of images
+            (column file) at known contact angles (column angle_deg) or places along the pad's width (column place_mm)
+            or, with the column file alone, by hand in order from -y to +y, which finds left and right only.
         untouched: Images of the untouched gel, in place of FILE.
         ruler: Distance, from middle to middle, of two thin edges or balls that are pressed in side by side across the
             image, as 8mm, and the image that shows them.
@@ -242,11 +287,15 @@ def calibrate(
             They show the errors of mounting, delay, directions and outlines; UNIT.png draws them. Without FILE or
             images, the first half second of the first one is the untouched gel.
         model: Folder of the touch model that reads presses and pushes.
+        new_sensor: Write the profile of a sensor that palpate does not know, from --untouched, --ruler and --gel. What
+            takes --sensor takes this file.
+        gel: Shape of that sensor's gel: flat, or the radius of its dome, as 21mm.
     """
     from palpate.pipeline.push_calibration import first_images
     from palpate.touch.background import background_of
     from palpate.touch.calibration import write_calibration
     from palpate.touch.touch_model import shipped_model
+    from palpate.types.sensor_file import write_sensor
 
     if (file and untouched) or not (file or untouched or pushes):
         raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
@@ -255,9 +304,14 @@ def calibrate(
     pushed = [palpate.load_recording(path, orientation) for path in pushes]
     recorded = [palpate.load_recording(file, orientation)] if file else pushed
     profile = _sensor_of([*recorded, *pushed], sensor)
-    look = partial(_image_of, profile, orientation, bool(presses) and model is None)
+    if new_sensor is not None:
+        _check_new_sensor(new_sensor, untouched, ruler, presses or pushes, force)
+        profile = first_guess(new_sensor.stem, gel, untouched[0], orientation)
+    elif gel is not None:
+        raise SettingError(f"--gel {gel} is of a new sensor; give --new-sensor SENSOR.toml, too")
+    look = partial(image_of, profile, orientation, bool(presses) and model is None)
     still = [look(path) for path in untouched] or list(first_images(recorded[0]))
-    _check_still(still, untouched or repeat(file or pushes[0]))
+    check_still(still, untouched or repeat(file or pushes[0]))
     reader: Any = palpate.TouchModel(model) if model else (presses or pushes) and shipped_model(profile.name)
     numbers: dict[str, Any] = {"file": file and str(file), "out": str(out), "untouched": len(still)}
     notes: list[str] = []
@@ -265,9 +319,14 @@ def calibrate(
         calibration = palpate.Calibration(background_of(still))
     if ruler:
         calibration = _by_ruler(ruler, look, calibration, profile)
+    if new_sensor is not None:
+        profile = with_scale_of(calibration, profile)
+        write_sensor(profile, new_sensor, overwrite=force)
+        notes.append(f"sensor: {new_sensor}, for --sensor; no touch model is of it until --model names one")
     if presses:
-        calibration, of_presses = _by_presses(presses, look, calibration, profile, reader)
+        calibration, of_presses = _by_presses(presses, look, calibration, profile, reader, markers == "auto")
         numbers |= of_presses
+        notes.append(_certainty_in_words(of_presses))
         notes.append("Presses find left and right only; up and down may be wrong.")
     if figure:
         calibration, of_pushes, unknown = _by_pushes(pushed, calibration, reader, figure)
@@ -289,9 +348,18 @@ def _check_outputs(out: Path, figure: Path | None, force: bool) -> None:
         new_file(figure, force)
 
 
+def _check_new_sensor(path: Path, untouched: Sequence[Path], ruler: Sequence[str], others: object, force: bool) -> None:
+    """Raise PalpateError unless the profile of a new sensor can be measured and written."""
+    if path.suffix.lower() != ".toml":
+        raise SettingError(f"{path}: extension {path.suffix!r} is of no sensor profile, allowed is .toml")
+    if not untouched or not ruler or others:
+        raise SettingError("--new-sensor takes --untouched, --ruler and --gel; presses and pushes are of a known one")
+    new_file(path, force)
+
+
 def _sensor_of(recordings: Sequence["palpate.Recording"], name: str) -> "palpate.SensorProfile":
     """Return the one sensor of recordings or, without any, that of a name. Raises SettingError if there are several."""
-    from palpate.types.sensor import known_sensor
+    from palpate.types.sensor_file import known_sensor
 
     if not recordings:
         return known_sensor(name)
@@ -301,14 +369,14 @@ def _sensor_of(recordings: Sequence["palpate.Recording"], name: str) -> "palpate
     return recordings[0].sensor
 
 
-def _image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours: bool, path: Path) -> Any:
+def image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours: bool, path: Path) -> Any:
     """Return the image in a file as the profile has it. Raises FileError, also if it lacks the colours it needs."""
     from palpate.touch.cells import is_grey
     from palpate.touch.pipeline import GREY
     from palpate.types.images import camera_view, fitted, read_image
 
     size = (profile.image_height, profile.image_width)
-    view = camera_view(orientation)
+    view = camera_view(orientation or profile.orientation)
     with in_file(path):
         image = fitted(read_image(path), size, view)
         if needs_colours and is_grey(image):
@@ -316,7 +384,7 @@ def _image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours:
         return image
 
 
-def _check_still(images: Sequence[Any], paths: Iterable[Path]) -> None:
+def check_still(images: Sequence[Any], paths: Iterable[Path]) -> None:
     """Raise FileError, which names the path, if an image of the untouched gel differs from the first."""
     from palpate.touch.background import is_moved
 
@@ -339,19 +407,50 @@ def _by_ruler(
 
 
 def _by_presses(
-    path: Path, look: Callable[[Path], Any], calibration: "palpate.Calibration", profile: Any, model: Any
+    path: Path,
+    look: Callable[[Path], Any],
+    calibration: "palpate.Calibration",
+    profile: Any,
+    model: Any,
+    seek_markers: bool,
 ) -> tuple["palpate.Calibration", dict[str, Any]]:
     """Return a calibration by presses in a table, and its numbers for people."""
     from palpate.touch.press_calibration import learn_from_presses, read_presses
 
     pressed = read_presses(path, look, profile)
     with in_file(path):
-        calibration, scatter = learn_from_presses(pressed, calibration, profile, model)
+        calibration, scatter = learn_from_presses(pressed, calibration, profile, model, seek_markers)
     return calibration, {
         "presses": len(pressed.images),
         "keeps_left_and_right": calibration.view.keeps_left_and_right,
-        "scatter_deg": degrees(scatter),
+        **({"scatter_deg": degrees(scatter)} if pressed.place is None else {"scatter_mm": 1e3 * scatter}),
+        **certainty(calibration, profile),
     }
+
+
+def certainty(calibration: "palpate.Calibration", profile: "palpate.SensorProfile") -> dict[str, float]:
+    """Return the standard deviation that a calibration by presses leaves, half-way from the middle to the side."""
+    half_way = 0.25 * (calibration.pixel_pitch or profile.pixel_pitch or 0.0) * profile.image_width  # [m]
+    direction = calibration.direction
+    if calibration.place_offset_sigma is not None:
+        sigma = hypot(calibration.place_offset_sigma, half_way * calibration.pixel_pitch_sigma)
+        return {"calibrated_to_mm": 1e3 * sigma}
+    if direction.offset_sigma is None or direction.scale_sigma is None:
+        return {}
+    angle = half_way / max(profile.radius, half_way)
+    return {"calibrated_to_deg": degrees(hypot(direction.offset_sigma, direction.scale_sigma * angle))}
+
+
+def _certainty_in_words(numbers: dict[str, Any]) -> str:
+    """Return the sigma that a calibration has after its presses."""
+    count = numbers["presses"]
+    if "calibrated_to_mm" in numbers:
+        known = f"places to {numbers['calibrated_to_mm']:.2f} mm (1 sigma)"
+    elif "calibrated_to_deg" in numbers:
+        known = f"directions to {numbers['calibrated_to_deg']:.1f} degrees (1 sigma)"
+    else:
+        return f"After {count} presses the view is known; places or angles would tell errors of directions, too."
+    return f"After {count} presses, half-way to the side, {known} but for the noise of an image."
 
 
 def _by_pushes(

@@ -87,7 +87,7 @@ def track(
     start.pose_and_sigma()  # raises here, once for all files
     model, unit = touch.load(touch.tactile)
     table = read_first_poses(first_poses) if first_poses else None
-    way = Way(estimator.settings(touch.tactile), start, bag, model, unit, table)
+    way = Way(estimator.settings(touch.tactile, touch.markers), start, bag, model, unit, table)
     outputs = files_of_run.outputs(force)
     jobs = [(file, _folder_of(file, out, is_only=len(files) == 1)) for file in files]
     if len(files) == 1 and not resume:
@@ -189,7 +189,7 @@ def live(
     Example: palpate live --camera 0 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 
     Args:
-        camera: Camera of a DIGIT, or a video or a folder of images in its place.
+        camera: Camera of the --sensor, by default a DIGIT, or a video or a folder of images in its place.
         poses: Sensor poses: JSON by UDP on this machine.
         replay: A recording or a bag, played in real time.
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
@@ -213,7 +213,7 @@ def live(
         else:
             setting = _replay_setting(replay, start, bag)
         sources = setting.sources
-        settings = palpate.TrackerSettings(touch.tactile)
+        settings = palpate.TrackerSettings(touch.tactile, markers=touch.markers)
         options: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
         tracker = palpate.Tracker(setting.shape, sources.sensor, setting.first_pose, settings, model, unit, **options)
         keep = record and stack.enter_context(recorder(record, setting.shape, sources, force))
@@ -249,17 +249,20 @@ class _LiveSetting:
 def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: Bag) -> _LiveSetting:
     """Open a camera and a source of poses, which the stack closes. Raises SettingError on missing or wrong options."""
     from palpate.live.camera import camera_sources
+    from palpate.types.sensor_file import known_sensor
 
     first, sigma = start.pose_and_sigma()
     if bag.shape is None or first is None:
         raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
-    if bag != Bag(bag.shape, bag.shape_unit, bag.shape_layer, choices=BagOptions(**placement)):
-        words = ", ".join(f"--{name.replace('_', '-')}" for name in ("shape", "shape_unit", "shape_layer", *placement))
+    given = Bag(bag.shape, bag.shape_unit, bag.shape_layer, bag.sensor, choices=BagOptions(**placement))
+    if bag != given:
+        names = ("shape", "shape_unit", "shape_layer", "sensor", *placement)
+        words = ", ".join(f"--{name.replace('_', '-')}" for name in names)
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
     shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
     with progress_bar("looking for images and poses"):
-        sources = stack.enter_context(camera_sources(camera, poses, palpate.DIGIT, bag.choices))
+        sources = stack.enter_context(camera_sources(camera, poses, known_sensor(bag.sensor), bag.choices))
     return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)
 
 

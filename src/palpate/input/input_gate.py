@@ -56,9 +56,9 @@ class _Seen(NamedTuple):
 class InputGate:
     """Checks the frames of one sensor: `check` returns one as it can be used, `accept` makes it the last one."""
 
-    def __init__(self, sensor: SensorProfile, calibration: Calibration | None) -> None:
+    def __init__(self, sensor: SensorProfile, calibration: Calibration | None, seek_markers: bool = True) -> None:
         self._rate = sensor.rate
-        self._detector = ContactDetector(sensor, calibration)
+        self._detector = ContactDetector(sensor, calibration, seek_markers)
         self._begin()
 
     @property

@@ -234,10 +234,12 @@ def planar_fields(
     """
     is_known = frames.sensor.known
     _check_known(name, frames.time, is_known)
+    orientation = placement.orientation or sensor.orientation
+    sensor = replace(sensor, orientation="")  # the images of a recording are upright
     image = None
     if frames.images is not None:
         size = (sensor.image_height, sensor.image_width)
-        image = encoded_images(*frames.images, np.flatnonzero(is_known).tolist(), size, placement.orientation, codec)
+        image = encoded_images(*frames.images, np.flatnonzero(is_known).tolist(), size, orientation, codec)
     frames = frames[is_known]
     if isinstance(placement.plane, str) and placement.plane == "fit":
         plane = space.plane_through(name, frame, _positions_in_contact(frames, image, sensor))
@@ -259,7 +261,7 @@ def planar_fields(
         "object_pose": object_pose,
         "contact": frames.contact,
         "image": image,
-        "is_view_known": camera_view(placement.orientation).is_stated,
+        "is_view_known": camera_view(orientation).is_stated,
     }
     return fields, plane
 

@@ -173,7 +173,7 @@ def _parquet(path: Path, wanted: Sequence[str] | None = None) -> Any:
 
 
 def _episode(folder: Path, episode: int) -> dict[str, Any]:
-    """Return where an episode is in the files. Raises FileError if there is none of this number."""
+    """Return the place of an episode in the files. Raises FileError if there is none of this number."""
     count = 0
     for path in sorted((folder / "meta/episodes").glob("*/*.parquet")):
         table = _parquet(path)

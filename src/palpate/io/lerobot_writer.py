@@ -143,7 +143,7 @@ def _write_video(path: Path, recording: Recording, nearest: NDArray[Any], fps: i
 
 
 def _episode_row(number: int, count: int, start: int, where: Mapping[str, int], fps: int) -> dict[str, Any]:
-    """Return where an episode is, as a row of meta/episodes."""
+    """Return the place of an episode, as a row of meta/episodes."""
     row: dict[str, Any] = {"episode_index": number, "tasks": [TASK], "length": count}
     row |= {f"data/{name}": index for name, index in where.items()}
     row |= {"dataset_from_index": start, "dataset_to_index": start + count}

@@ -66,7 +66,7 @@ def _readable_svg(data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a part of an SVG is."""
+    """Place of a part in an SVG."""
 
     layer: str = ""
     """The label of the innermost layer around it, else the id of the outermost group; "" if there is neither."""

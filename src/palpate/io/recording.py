@@ -19,7 +19,8 @@ from palpate.io.time_order import in_order
 from palpate.types.choices import Normal, Placement
 from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
-from palpate.types.sensor import SensorProfile, known_sensor
+from palpate.types.sensor import SensorProfile
+from palpate.types.sensor_file import known_sensor
 from palpate.types.space import onto_gel
 
 Images = Image | Sequence[Image | bytes | str | Path]

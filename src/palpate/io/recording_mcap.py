@@ -51,7 +51,12 @@ def describe(
 ) -> None:
     """Add the metadata that make an MCAP of sensor messages a recording; they come before the first message."""
     about = {"version": VERSION, "shape": json.dumps(shape_to_dict(shape))}
-    file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(asdict(sensor)), **(more or {})})
+    file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(_plain(sensor)), **(more or {})})
+
+
+def _plain(sensor: SensorProfile) -> dict[str, Any]:
+    """Return the fields of a sensor but for the orientation of its camera, as images of recordings are upright."""
+    return {name: value for name, value in asdict(sensor).items() if name != "orientation"}
 
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:

@@ -34,7 +34,8 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Plac
     now()  # it shows the time above when it is first read
     path = Path(f"/dev/video{name}" if name.isdecimal() else name)
     is_film = path.is_dir() or path.is_file()
-    view = camera_view(placement.orientation)
+    orientation = placement.orientation or sensor.orientation
+    view = camera_view(orientation)
     open_images = film if is_film else camera
     rate, pictures = open_images(path, sensor, now)
     first = 0 if is_film else 5  # the first images of a camera are old ones, from the driver's buffer
@@ -43,12 +44,14 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Plac
         for when, pixels in islice(pictures, first, None):
             if stop.is_set():
                 return
-            yield TouchImage(when, b"" if pixels is None else upright(pixels, sensor, placement.orientation))
+            yield TouchImage(when, b"" if pixels is None else upright(pixels, sensor, orientation))
         if not is_film:
             yield "the camera is lost, which ends the session"
 
     with closing(pictures), udp_poses(poses, now, GelPoses(placement)) as source:
-        yield Sources(images, source, now, replace(sensor, rate=rate), placement.time_offset, view.is_stated)
+        yield Sources(
+            images, source, now, replace(sensor, rate=rate, orientation=""), placement.time_offset, view.is_stated
+        )
 
 
 def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures]:

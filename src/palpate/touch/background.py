@@ -3,16 +3,13 @@
 import logging
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.arrays import Flags, Image, Levels
+from palpate.arrays import Image, Levels
 from palpate.config import CONTACT_DETECTION
 from palpate.errors import SettingError
 from palpate.touch.cells import (
-    NEIGHBOURS,
     cells_of,
     change_in_light,
     compare,
@@ -21,21 +18,12 @@ from palpate.touch.cells import (
     is_grey,
     light_in,
     move_towards,
-    third_of_cell,
 )
-from palpate.touch.neighbours import closed, largest_near, spots_of
 
 logger = logging.getLogger(__name__)
 
 MOVED_LEVELS = 8.0
 """Change of a cell [grey levels] that images of one gel at rest do not have; 12 would miss the start of contacts."""
-MARKER_LEVELS = 12.5
-"""Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have some."""
-
-_GREY = np.array([0.299, 0.587, 0.114], np.float32)
-"""Share of each colour in the brightness that people see (ITU-R BT.601)."""
-
-AnyImage = TypeVar("AnyImage", NDArray[np.uint8], NDArray[np.float32])
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,35 +171,3 @@ def warn_if_bordered(images: Iterable[Image], name: str = "the first images") ->
             "each side of a GelSight Mini's, before they are scaled",
             name,
         )
-
-
-def has_markers(image: AnyImage) -> bool:
-    """Return true if an image (height, width, 3) of an untouched gel shows markers over the area of a touch."""
-    dark, _ = _dark_dots(image)
-    spots = spots_of(dark)
-    edge, size = _edge_and_size(image)
-    extent = spots.extent[1:]  # the first is what is not dark
-    are_dots = ((extent >= edge) & (extent < size)).all(axis=1)
-    return bool(spots.area[1:][are_dots].sum() > CONTACT_DETECTION.start * dark.size)
-
-
-def without_markers(image: AnyImage) -> AnyImage:
-    """Return an image (height, width, 3) in which markers look like the gel around them."""
-    dark, filled = _dark_dots(image)
-    edge, _ = _edge_and_size(image)
-    unmarked: Any = np.where(largest_near(dark, edge)[..., None], filled, image)
-    return unmarked
-
-
-def _dark_dots(image: AnyImage) -> tuple[Flags, AnyImage]:
-    """Return a mask (height, width) of small dark dots, and the image with them filled by a morphological closing."""
-    _, size = _edge_and_size(image)
-    filled = closed(image, size)
-    darker = (filled - image) @ _GREY
-    return darker > MARKER_LEVELS, filled
-
-
-def _edge_and_size(image: NDArray[Any]) -> tuple[int, int]:
-    """Return the width of a marker's edge, and a width that no marker has [px], which is 0.8 mm on a GelSight Mini."""
-    third = third_of_cell(*image.shape[:2])
-    return max(round(third), 1), max(round(NEIGHBOURS * third), 1)

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.arrays import Flags, Image, Levels
 from palpate.config import CONTACT_DETECTION
 from palpate.errors import FileError, SettingError
-from palpate.touch.background import Background, SteadyImages, background_of, has_markers, without_markers
+from palpate.touch.background import Background, SteadyImages, background_of
 from palpate.touch.calibration import Calibration, check_view, mismatch
 from palpate.touch.cells import (
     ACROSS,
@@ -23,6 +23,7 @@ from palpate.touch.cells import (
     sparse_pixels,
     wide_cells_of,
 )
+from palpate.touch.markers import Markers, find_markers, without_markers
 from palpate.touch.marks import new_marks, with_marks
 from palpate.touch.neighbours import spots_of
 from palpate.types.images import AS_IT_IS, decode_image, scaled
@@ -54,7 +55,9 @@ class ContactDetector:
     then. A calibration that is not sure may be of another unit; it is trusted once an image looks like it.
     """
 
-    def __init__(self, sensor: SensorProfile, calibration: Calibration | None = None) -> None:
+    def __init__(
+        self, sensor: SensorProfile, calibration: Calibration | None = None, seek_markers: bool = True
+    ) -> None:
         """Take the sensor's profile; raises SettingError if the calibration has images of another size."""
         if calibration is not None:
             wrong = mismatch(calibration, sensor)
@@ -77,7 +80,9 @@ class ContactDetector:
         self._view = calibration.view if calibration else AS_IT_IS
         self._doubted = ""  # name of the calibration, while it may be of another unit
         self._touched = False
-        self._has_markers = False
+        self.markers: Markers | None = None
+        """Markers of the untouched gel; None without."""
+        self._seek_markers = seek_markers
         self._untouched_images = 0
         self._last: Image | None = None  # the last image that showed a gel
         self._sparse: Image | None = None  # sparse pixels of the last image that showed a gel
@@ -105,9 +110,9 @@ class ContactDetector:
         image = image if self._view == AS_IT_IS else self._view.of(image)
         if self._size and image.shape[:2] != self._size:
             image = scaled(image, self._size)
-        if self.background is None and not self._steady.seen:
-            self._has_markers = has_markers(image)
-        return without_markers(image) if self._has_markers else image
+        if self.background is None and not self._steady.seen and self._seek_markers:
+            self.markers = find_markers(image)
+        return without_markers(image, self.markers)
 
     def update(self, image: Image) -> bool:
         """Return true if the gel is touched in an image (height, width, 3) from `read`.
@@ -161,8 +166,9 @@ class ContactDetector:
     def take(self, gel: Background) -> None:
         """Take a background as the untouched gel."""
         self.forget()
-        self._has_markers = self._has_markers or has_markers(gel.mean)
-        self._use(replace(gel, mean=without_markers(gel.mean)) if self._has_markers else gel)
+        if self._seek_markers:
+            self.markers = self.markers or find_markers(gel.mean)
+        self._use(replace(gel, mean=without_markers(gel.mean, self.markers)))
 
     def _use(self, background: Background) -> None:
         """Set the background, as a copy that is followed in place, and what images are compared with."""
@@ -187,7 +193,7 @@ class ContactDetector:
         """Take marks that are not in the last image into the untouched gel; return true if there are any."""
         assert self.background is not None
         last = self._last
-        self._last = None if self._has_markers else image.copy()  # a driver may reuse its array; markers move
+        self._last = None if self.markers else image.copy()  # a driver may reuse its array; markers move
         marks = None if last is None else new_marks(image, last)
         if last is None or marks is None:
             return False

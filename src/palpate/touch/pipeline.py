@@ -12,6 +12,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import Light, is_grey
 from palpate.touch.imprint import added_variance, is_measured, sunk_with
+from palpate.touch.imprint_middle import read_difference
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,
@@ -75,7 +76,9 @@ class TouchReader:
         self._model = model
         self.needs_colours = model is not None and model.is_shipped
         """True if the touch model is one that comes with palpate, as those need images with colours."""
-        self._angle_factor = angle_factor(model, calibrated(sensor, calibration))
+        self._sensor = calibrated(sensor, calibration)
+        self._angle_factor = angle_factor(model, self._sensor)
+        self._place_offset = calibration.place_offset if calibration else 0.0  # [m]
         spread = {} if model is None else model.settings.spread
         self._variance_factors = {name: each.factor for name, each in spread.items()}
         self._misfit = misfit(sensor, model)
@@ -83,7 +86,8 @@ class TouchReader:
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
         if model is not None and (self.reads_images or (self._is_open and not self._misfit)):
-            model.read(np.zeros((ROWS, COLUMNS, 3), np.float32))  # opens the network now, not in a robot's loop
+            nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)
+            read_difference(model, nothing, self._sensor)  # opens the network now, not in a robot's loop
 
     @property
     def reads_images(self) -> bool:
@@ -133,7 +137,7 @@ class TouchReader:
             self._background = background
             self._mean = reduced(background.mean)
         difference = difference_in_light(frame.image, self._mean, light)
-        reading = self._model.read(difference)
+        reading = read_difference(self._model, difference, self._sensor)
         if self._shows_depth:
             self.sunk = sunk_with(self.sunk, difference, reading["direction"][0])
         return self._measurements(reading)
@@ -149,7 +153,7 @@ class TouchReader:
             variance = variances["direction"] / scale**2 + added_variance(self.sunk)
             measurements.append(ContactDirection(angle, variance))
         if "place" in reading:
-            measurements.append(ContactPlace(reading["place"][0], variances["place"]))
+            measurements.append(ContactPlace(reading["place"][0] - self._place_offset, variances["place"]))
         if "turn" in reading:
             measurements.append(Turn(reading["turn"][0] / scale, variances["turn"] / scale**2))
         if "corner" in reading:

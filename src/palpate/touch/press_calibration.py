@@ -1,7 +1,8 @@
 """Calibration of a unit by presses and a ruler: camera view, errors of contact directions, and pixel pitch.
 
 A ball, rod or edge is pressed on the gel at known angles or places. The touch model reads the images in every view of
-the right size; in the right view the measured angles lie on a line over the true ones. For presses by hand it is enough
+the right size; in the right view the measured angles, of a flat pad the measured places, lie on a line over the true
+ones. On a flat pad the slope of that line is the scale of the images. For presses by hand on a round gel it is enough
 to know their order from one side to the other: in the right view imprints lie in that order. Such presses show the
 view, but not the errors of directions.
 """
@@ -20,12 +21,14 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorrection, calibrated, mismatch
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import ContactDetector
+from palpate.touch.imprint_middle import read_difference
+from palpate.touch.markers import check_markers, find_markers, without_markers
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
 from palpate.types.images import CameraView, read_image
 from palpate.types.sensor import SensorProfile
 
-FEWEST = 5  # presses that show a line and its scatter
+FEWEST = 3  # presses that show a line and its scatter
 SPREAD = np.radians(8.0)  # [rad] least range of the angles of presses, given or in order
 WORST = np.radians(3.0)  # [rad] largest scatter about the line; more means wrong presses or angles
 LEFT_OR_RIGHT = 3.0
@@ -39,6 +42,24 @@ _LEAST_RANK_CORRELATION = 0.9  # of imprints that lie in the order of their pres
 _LEAST_CORRELATION = 0.25  # of the two imprints of a ruler: nearly all simulated ones have more, a single one has 0.15
 _RULER_RELATIVE_SIGMA = 0.04  # error of the distance of two imprints as a share of it, from their flanks
 _RULER_SIGMA = 1e-4  # [m] further error of that distance
+
+
+@dataclass(frozen=True)
+class PlaceSettings:
+    """Errors of given places on a flat pad."""
+
+    place_scale_sigma: float = 0.03
+    """Standard deviation of the scale of given places: of slides, rulers and clicks in images."""
+    worst_place: float = 1e-3
+    """Largest scatter about the line [m]; more means wrong presses or places."""
+    given_place_sigma: float = 1e-4
+    """Error of given places [m]."""
+    from_middle: float = 1.5e-3
+    """Largest constant error of places [m], five times the usual; if given places are farther off, they are measured
+    from elsewhere than the middle of the pad."""
+
+
+_PLACES = PlaceSettings()
 
 
 def with_ruler(calibration: Calibration, image: Image, length: float, sensor: SensorProfile) -> Calibration:
@@ -101,6 +122,8 @@ class Presses:
     """Name of each press in messages."""
     are_relative: bool = False
     """True if angles are measured from an unknown one, not from the middle of the gel."""
+    place: Array | None = None
+    """Where along y of a flat pad it is touched, (N,) [m], from anywhere; None if angles or the order are known."""
 
 
 def read_presses(
@@ -120,19 +143,23 @@ def read_presses(
     if has_angles and has_places:
         raise FileError(f"{path}: found the columns angle_deg and place_mm; one of them is needed")
     angles = np.full(len(rows), np.nan)
+    are_on_flat_pad = has_places and sensor is not None and sensor.flat_width > 0.0
+    places = np.zeros(len(rows))
     images: dict[str, Image] = {}
     for index, (line, (name, *cells)) in enumerate(rows):
         with in_file(f"{path}: line {line}"):
             if has_angles:
                 angles[index] = np.radians(_number_up_to(90.0, cells[0], "angle_deg", "degrees"))
+            elif are_on_flat_pad:
+                places[index] = 1e-3 * _number_up_to(1e4, cells[1], "place_mm", "mm")
             elif has_places and sensor is not None:
-                farthest = 0.0 if sensor.flat_width else 1e3 * sensor.radius
-                place = _number_up_to(farthest, cells[1], "place_mm", "mm on a round gel")
+                place = _number_up_to(1e3 * sensor.radius, cells[1], "place_mm", "mm on a round gel")
                 angles[index] = np.arcsin(1e-3 * place / sensor.radius)
             if not name.isprintable() or not name or name in images:
                 raise FileError(f"file is {name!r}; expected the name of an image, each once")
             images[name] = look(path.parent / name)
-    return Presses(tuple(images.values()), angles, tuple(images), are_relative=has_places)
+    given = places if are_on_flat_pad else None
+    return Presses(tuple(images.values()), angles, tuple(images), are_relative=has_places, place=given)
 
 
 def _number_up_to(most: float, cell: str, column: str, unit: str) -> float:
@@ -153,40 +180,44 @@ def check_spread(angle: Array) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _ViewFit:
-    """Presses as the model reads them in one view."""
+    """Presses as they are read in one view."""
 
     log_likelihood: float
-    """Log likelihood of the measured directions; -inf if imprints do not lie in the order of the presses."""
+    """Log likelihood of what is measured; -inf if imprints do not lie in the order of the presses."""
     calibration: Calibration
-    """The calibration with this view, and with the errors of directions if true angles were given."""
+    """The calibration with this view, and with the errors of directions or places if true ones were given."""
     angle: Array
-    """Angle of each press, (N,) [rad], as given or as its imprint shows it."""
+    """Angle of each press, (N,) [rad], as given or as its imprint shows it; on a flat pad its place [m]."""
     scatter: float
-    """Scatter of the measured directions about the line [rad]."""
+    """Scatter of the measured directions about the line [rad], on a flat pad of places [m]."""
 
 
 def learn_from_presses(
-    presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
+    presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel, seek_markers: bool = True
 ) -> tuple[Calibration, float]:
     """Return a calibration with the view and errors that presses show, and the scatter of directions [rad].
 
-    All images, also of the untouched gel, are as the camera gives them, in the profile's size. Raises FileError if
-    presses are too few, too close together, show no touch or lie on no line. Presses in order need a round gel.
+    On a flat pad at given places it is the scatter of places [m]. All images, also of the untouched gel, are as the
+    camera gives them, in the profile's size. Raises FileError if presses are too few, too close together, show no touch
+    or lie on no line. Presses in order need a round gel.
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
-    has_angles = bool(np.isfinite(presses.angle).all())
-    if not has_angles and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
+    is_given = presses.place is not None or bool(np.isfinite(presses.angle).all())
+    if not is_given and (sensor.flat_width or not sensor.half_width or sensor.half_width > sensor.radius):
         raise FileError(f"presses without angles are of round gels of known width, and {sensor.name!r} has none")
     # The likeliest view is taken, by however little: presses only tell left from right for sure, but preferring a
     # simpler view that was nearly as likely would make errors a tenth larger. Orders of channels are not tried, as a
     # model reads exchanged channels as well.
-    fits = [_fit_in_view(view, presses, calibration, sensor, model) for view in VIEWS[:4]]
+    bare_presses, bare = _without_markers(presses, calibration) if seek_markers else (presses, calibration)
+    fit_in_view = _fit_in_view if presses.place is None else _fit_places_in_view
+    fits = [fit_in_view(view, bare_presses, bare, sensor, model) for view in VIEWS[:4]]
     best = max(fits, key=lambda fit: fit.log_likelihood)
-    _check_touched(presses, replace(best.calibration, direction=calibration.direction), sensor)
+    uncorrected = {"direction": calibration.direction, "pixel_pitch": calibration.pixel_pitch}
+    _check_touched(bare_presses, replace(best.calibration, **uncorrected), sensor)
     if best.log_likelihood == -math.inf:
         raise FileError("imprints lie in the order of the presses in no view; name all that touch, from -y to +y")
-    if not has_angles:
+    if not is_given:
         check_spread(best.angle)
     _check_scatter(best, presses)
     wrong = mismatch(best.calibration, sensor)
@@ -195,22 +226,46 @@ def learn_from_presses(
     side = best.calibration.view.keeps_left_and_right
     exchanged = max(fit.log_likelihood for fit in fits if fit.calibration.view.keeps_left_and_right != side)
     if best.log_likelihood - exchanged < LEFT_OR_RIGHT:
-        within = f"found presses within {np.degrees(np.ptp(best.angle)):.1f} degrees"
+        range_ = float(np.ptp(best.angle))
+        size = f"{np.degrees(range_):.1f} degrees" if presses.place is None else f"{1e3 * range_:.1f} mm"
+        within = f"found presses within {size}"
         raise FileError(f"{within}, less than noise can tell left from right by; add some farther apart")
-    return best.calibration, best.scatter
+    view = best.calibration.view
+    gel = Background(view.of(calibration.background.mean), view.of(calibration.background.noise))
+    return replace(best.calibration, background=gel), best.scatter
+
+
+def _without_markers(presses: Presses, calibration: Calibration) -> tuple[Presses, Calibration]:
+    """Return presses and the untouched gel without markers. Raises FileError if a press has others than the gel."""
+    gel = calibration.background
+    markers = find_markers(gel.mean)
+    for name, image in zip(presses.names, presses.images, strict=True):
+        with in_file(name):
+            check_markers(image, gel.mean, markers)
+    images = tuple(without_markers(image, markers) for image in presses.images)
+    bare = replace(gel, mean=without_markers(gel.mean, markers))
+    return replace(presses, images=images), replace(calibration, background=bare)
 
 
 def _check_touched(presses: Presses, calibration: Calibration, sensor: SensorProfile) -> None:
     """Raise FileError if the image of a press shows no touch."""
     for name, image in zip(presses.names, presses.images, strict=True):
         with in_file(name):
-            detector = ContactDetector(sensor, calibration)
+            detector = ContactDetector(sensor, calibration, seek_markers=False)
             if not detector.update(detector.read(image)):
                 raise FileError("shows no touch against the untouched gel; does that show one?")
 
 
 def _check_scatter(fit: _ViewFit, presses: Presses) -> None:
     """Raise FileError if measured directions scatter too far about the line over the angles of the presses."""
+    if presses.place is not None:
+        if fit.scatter > _PLACES.worst_place:
+            raise FileError(
+                f"place_mm: what the presses show lies {1e3 * fit.scatter:.1f} mm about a line over the given places, "
+                f"which span {1e3 * np.ptp(presses.place):.2g} mm; allowed is {1e3 * _PLACES.worst_place:g} mm: are "
+                "they right, and is the untouched gel of this unit, and untouched?"
+            )
+        return
     if not np.isfinite(presses.angle).all():
         over = "the places of the imprints"
         worst = 2.0 * WORST
@@ -230,11 +285,8 @@ def _fit_in_view(
 ) -> _ViewFit:
     """Fit a line through the directions that a model measures in a view, over the angles of the presses."""
     has_angles = bool(np.isfinite(presses.angle).all())
-    gel = Background(view.of(calibration.background.mean), view.of(calibration.background.noise))
-    calibration = replace(calibration, background=gel, view=view, is_view_known=True)
+    calibration, differences = _in_view(view, presses, calibration)
     unit = calibrated(sensor, calibration)
-    mean = reduced(gel.mean)
-    differences = [difference_in_light(view.of(image), mean) for image in presses.images]
     readings = np.array([model.read(difference)["direction"] for difference in differences])
     measured = readings[:, 0] * angle_factor(model, unit)
     variance = readings[:, 1] * model.settings.spread["direction"].scale
@@ -260,6 +312,42 @@ def _fit_in_view(
         scale_sigma=math.hypot(sigmas[1] * inflation, _OTHER_OBJECTS_SIGMA),
     )
     return _ViewFit(log_likelihood, replace(calibration, direction=correction), angle, scatter)
+
+
+def _fit_places_in_view(
+    view: CameraView, presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
+) -> _ViewFit:
+    """Fit a line through the places that a flat pad shows in a view, over those of the presses."""
+    assert presses.place is not None
+    calibration, differences = _in_view(view, presses, calibration)
+    unit = calibrated(sensor, calibration)
+    readings = np.array([read_difference(model, difference, unit)["place"] for difference in differences])
+    measured = readings[:, 0]
+    variance = readings[:, 1] * model.settings.spread["place"].scale + _PLACES.given_place_sigma**2
+    scale_sigma = math.hypot(_PLACES.place_scale_sigma, unit.pixel_pitch_sigma)
+    middle = presses.place.mean()  # so that places from far away lose no digits
+    (offset, scale), sigmas, log_likelihood = _fitted_line(
+        presses.place - middle, measured, variance, (1.0, scale_sigma)
+    )
+    scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * (presses.place - middle)))))
+    inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
+    assert unit.pixel_pitch is not None
+    scale = float(np.clip(scale, 0.01, 10.0))  # beyond that units are wrong, which `mismatch` says
+    pitch_sigma = min(float(sigmas[1]) / scale * inflation, 0.5)
+    calibration = replace(calibration, pixel_pitch=unit.pixel_pitch / scale, pixel_pitch_sigma=pitch_sigma)
+    from_middle = float(offset / scale - middle)
+    if abs(from_middle) < _PLACES.from_middle:
+        offset_sigma = inflation * math.hypot(sigmas[0] / scale, pitch_sigma * middle)
+        calibration = replace(calibration, place_offset=from_middle, place_offset_sigma=offset_sigma)
+    return _ViewFit(log_likelihood, calibration, presses.place, scatter)
+
+
+def _in_view(view: CameraView, presses: Presses, calibration: Calibration) -> tuple[Calibration, list[Difference]]:
+    """Return a calibration in a view, and the differences (ROWS, COLUMNS, 3) of the presses from its untouched gel."""
+    gel = Background(view.of(calibration.background.mean), view.of(calibration.background.noise))
+    mean = reduced(gel.mean)
+    differences = [difference_in_light(view.of(image), mean) for image in presses.images]
+    return replace(calibration, background=gel, view=view, is_view_known=True), differences
 
 
 def _fitted_line(

@@ -22,7 +22,7 @@ from palpate.checks import FARTHEST
 from palpate.errors import FileError, SettingError, one_line
 from palpate.files import existing_file, read_json
 from palpate.touch.cells import Light, area_means, change_in_light, light_in
-from palpate.types.sensor import known_sensor
+from palpate.types.sensor_file import known_sensor
 
 Difference = NDArray[np.float32]
 Reading = dict[str, tuple[float, ...]]

@@ -13,6 +13,8 @@ TactileChoice = Literal["auto", Tactile]
 """auto is learnt if there are images that fit the touch model, else none."""
 SmootherName = Literal["fixed-lag", "batch"]
 """Solver for the graph of a contact: Gauss-Newton on a sliding window, or on all steps of the contact (batch)."""
+MarkersChoice = Literal["auto", "off"]
+"""auto looks for dark dots on the gel and leaves them out; off takes images as they are."""
 Unit = Literal["m", "cm", "mm", "in"]
 """Unit of lengths."""
 TimeUnit = Literal["s", "ms", "us", "ns"]
@@ -36,6 +38,8 @@ class TrackerChoices:
     """Solver for the graph of a contact."""
     hypotheses: int = 9
     """Largest number of hypotheses kept after a contact's first frames; 1 keeps one always."""
+    markers: MarkersChoice = "auto"
+    """Dark dots on the gel are found and left out, or images are taken as they are."""
 
 
 @dataclass(frozen=True)

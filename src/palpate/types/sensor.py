@@ -5,7 +5,6 @@ out of the gel along the push, y along the pad's width and z up. Image columns r
 """
 
 import math
-import re
 import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -45,6 +44,8 @@ class SensorProfile:
     """Width and height of a pixel on the gel [m]; by default the image is as wide as the pad."""
     pixel_pitch_sigma: float = 0.0
     """Standard deviation of the pixel pitch from unit to unit, as a share of it."""
+    orientation: str = ""
+    """Steps that make images of its camera upright, as in `90,mirrored`; those of recordings are upright already."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -65,6 +66,8 @@ class SensorProfile:
             if value is None and (given is not None or name not in ("half_width", "pixel_pitch")):
                 raise SettingError(f"sensor {self.name!r} has {name} {reprlib.repr(given)}; it must be {wanted}")
             object.__setattr__(self, name, value)
+        if not isinstance(self.orientation, str):
+            raise SettingError(f"sensor {self.name!r} has orientation {self.orientation!r}; it must be a string")
         if self.half_width is not None and self.half_width < 0.5 * self.flat_width:
             raise SettingError(
                 f"sensor {self.name!r} has half_width {self.half_width!r} and flat_width {self.flat_width!r}; the pad "
@@ -191,14 +194,3 @@ POINT = SensorProfile(name="point", radius=0.0, rate=30.0)
 SENSORS = {"digit": DIGIT, "gelsight-mini": GELSIGHT_MINI, "point": POINT}
 """Profiles by the names in options."""
 ALIASES = {"mini": "gelsight-mini", "gelsightmini": "gelsight-mini", "gelsight": "gelsight-mini"}
-
-
-def known_sensor(sensor: SensorProfile | str) -> SensorProfile:
-    """Return the profile itself, or that of a known name. Raises SettingError on another name."""
-    if isinstance(sensor, SensorProfile):
-        return sensor
-    name = re.sub(r"[\W_]+", "-", sensor.lower()) if isinstance(sensor, str) else ""
-    name = ALIASES.get(name, name)
-    if name not in SENSORS:
-        raise SettingError(f"sensor is {sensor!r}; allowed are {', '.join(SENSORS)}, or a SensorProfile")
-    return SENSORS[name]

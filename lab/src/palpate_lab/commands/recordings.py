@@ -45,7 +45,7 @@ class Pushes:
     def simulations(self, seed: int, unit: int | None) -> dict[str, Any]:
         """Return the simulations by file name. Raises SettingError."""
         from palpate.geometry.shapes import SHAPES
-        from palpate.types.sensor import known_sensor
+        from palpate.types.sensor_file import known_sensor
         from palpate_lab.simulate.recordings import plan
 
         shapes = {}

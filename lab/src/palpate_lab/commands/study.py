@@ -182,7 +182,7 @@ def train(
         calibration: The unit that the recordings are of, from palpate calibrate --presses; track with both then.
         test: Recordings to judge the model by.
         untouched: With presses: images of the untouched gel.
-        sensor: With presses: the name of the sensor's profile.
+        sensor: With presses: the name of the sensor's profile, or its file (.toml).
         seed: Of weights, batches and what is left out.
         steps: Most steps of each descent.
         workers: Processes that read recordings.
@@ -191,6 +191,7 @@ def train(
     required("training", "train", "onnxscript", "torch")
     from palpate.touch.press_calibration import read_presses
     from palpate.types.images import read_image
+    from palpate.types.sensor_file import known_sensor
     from palpate_lab.study.recordings import find_recordings
     from palpate_lab.train.train import TrainSettings, train_on_presses
     from palpate_lab.train.train import train as train_model
@@ -204,7 +205,8 @@ def train(
         still = [read_image(path) for path in untouched]
         presses = read_presses(source)
         with in_file(source):
-            results = train_on_presses(presses, still, sensor, out, progress_bar, settings, resume)
+            name = known_sensor(sensor).name if sensor.lower().endswith(".toml") else sensor
+            results = train_on_presses(presses, still, name, out, progress_bar, settings, resume)
     else:
         if untouched or sensor:
             raise SettingError("train: --untouched and --sensor are of presses (.csv); recordings tell both themselves")

@@ -1,11 +1,13 @@
 """Gradient descent with an early stop and a checkpoint to continue from; and the losses it minimises."""
 
 import io
+import logging
 import math
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,11 @@ from torch import Tensor, nn
 from palpate.errors import EstimationError, FileError
 from palpate.files import whole_file
 
+logger = logging.getLogger(__name__)
+
 Losses = Mapping[str, Tensor]
+PACED = 20
+"""Steps after which it is known how long all of them take."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +60,10 @@ def fit(
     parts = {"network": network, "optimiser": optimiser, "schedule": schedule}
     checkpoint = folder / f"{name}.pt"
     progressed: dict[str, Any] = {"step": 0, "best": math.inf, "waited": 0}
-    words = ""  # losses at the last check
     begun_with = {"seed": seed, "steps": settings.steps}
     if checkpoint.exists():
         progressed = _load(checkpoint, begun_with, parts)
+    note = ""  # losses at the last check
     for step in range(progressed["step"], settings.steps):
         if progressed["waited"] >= settings.patience:
             break
@@ -70,9 +76,9 @@ def fit(
         nn.utils.clip_grad_norm_(network.parameters(), 5.0)
         optimiser.step()
         schedule.step()
+        if progress:
+            progress(step + 1, note)
         if (step + 1) % settings.check and step + 1 < settings.steps:
-            if progress:
-                progress(step + 1, words)
             continue
         network.eval()
         with torch.no_grad():
@@ -87,11 +93,25 @@ def fit(
         torch.save(progressed | begun_with | {key: part.state_dict() for key, part in parts.items()}, data)
         with whole_file(checkpoint, overwrite=True) as part:
             part.write_bytes(data.getvalue())
-        words = ", ".join(f"{key} {float(value):.3g}" for key, value in checked.items())
-        if progress:
-            progress(step + 1, words)
+        note = ", ".join(f"{key} {float(value):.3g}" for key, value in checked.items())
     network.load_state_dict(progressed["best_state"])
     network.eval()
+
+
+def with_pace(progress: Callable[..., None], total: int) -> Callable[..., None]:
+    """Return a progress that says once, after some steps, how long all of them take, if that is over a minute."""
+    began: list[tuple[int, float]] = []
+
+    def tell(done: int, note: str = "") -> None:
+        progress(done, note)
+        began.append((done, monotonic()))
+        if len(began) == PACED:
+            first, start = began[0]
+            minutes = (monotonic() - start) / (done - first) * (total - done) / 60.0
+            if minutes > 1.0:
+                logger.warning("%d steps take some %.0f minutes; Ctrl-C stops, --resume goes on", total, minutes)
+
+    return tell
 
 
 def gaussian_nll(error: Tensor, log_variance: Tensor) -> Tensor:

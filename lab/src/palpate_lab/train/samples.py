@@ -16,9 +16,10 @@ from palpate.io import load_recording
 from palpate.io.recording import Recording, contact_flags
 from palpate.models.pushing.contact_geometry import contact_model
 from palpate.pipeline.first_release import release_after_start
-from palpate.touch.background import AnyImage, Background, background_of, has_markers, without_markers
+from palpate.touch.background import Background, background_of
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, mismatch
 from palpate.touch.contact_detector import touched
+from palpate.touch.markers import Markers, find_markers, without_markers
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import LEVELS, Difference, reduced
 from palpate.types.sensor import SensorProfile
@@ -132,11 +133,11 @@ def samples_of(recording: Recording, number: int = 0, calibration: Calibration |
         assert touch_image is not None
         return view.of(touch_image)
 
-    background, is_marked = gel_at_rest(recording, image, calibration)
+    background, markers = gel_at_rest(recording, image, calibration)
     mean = reduced(background.mean)
     g = se2.between(recording.object_pose, recording.sensor_pose)
     episode, frame = contact_frames(recording.contact & np.isfinite(g).all(axis=1))
-    images = [_without(is_marked, image(index)) for index in frame.tolist()]
+    images = [without_markers(image(index), markers) for index in frame.tolist()]
     direction, place, kind, corner, cone = geometry_of(recording, g[frame])
     yaw = g[frame, 2]
     if calibration or SHOWN not in recording.extra:
@@ -177,8 +178,8 @@ def with_contact(recording: Recording, calibration: Calibration | None = None) -
 
 def gel_at_rest(
     recording: Recording, image: Callable[[int], Image], calibration: Calibration | None = None
-) -> tuple[Background, bool]:
-    """Return the untouched gel of a recording, else of its unit, without markers, and true if it has markers."""
+) -> tuple[Background, Markers | None]:
+    """Return the untouched gel of a recording, else of its unit, without its markers, and these; None without."""
     name = recording.file or "the recording"
     known = calibration and calibration.background
     wrong = mismatch(calibration, recording.sensor) if calibration else None
@@ -187,18 +188,14 @@ def gel_at_rest(
     assert recording.contact is not None
     untouched = np.flatnonzero(~recording.contact)
     if len(untouched) < 2 and known:
-        is_marked = has_markers(known.mean)
-        return replace(known, mean=_without(is_marked, known.mean)), is_marked
+        markers = find_markers(known.mean)
+        return replace(known, mean=without_markers(known.mean, markers)), markers
     if len(untouched) < 2:
         raise FileError(f"{name}: has {len(untouched)} frames without contact; learning needs 2 to compare with")
     chosen = untouched[np.linspace(0, len(untouched) - 1, min(UNTOUCHED, len(untouched))).astype(int)]
     images = [image(index) for index in chosen.tolist()]
-    is_marked = has_markers(images[0])
-    return background_of([_without(is_marked, each) for each in images]), is_marked
-
-
-def _without(is_marked: bool, image: AnyImage) -> AnyImage:
-    return without_markers(image) if is_marked else image
+    markers = find_markers(images[0])
+    return background_of([without_markers(each, markers) for each in images]), markers
 
 
 def _read(

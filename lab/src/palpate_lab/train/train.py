@@ -23,7 +23,7 @@ from palpate.touch.touch_model import NETWORK, OUTPUTS, ModelSettings, Spread, T
 from palpate.types.sensor import SensorProfile
 from palpate_lab.parallel import held_folder
 from palpate_lab.train.augment import ONE_UNIT, Augmentation, Batch, draw_groups, symmetry, varied_batch
-from palpate_lab.train.fit import FitSettings, fit
+from palpate_lab.train.fit import FitSettings, fit, with_pace
 from palpate_lab.train.losses import OUTPUT_LOSSES
 from palpate_lab.train.networks import Together, TouchNetwork, exported, restore
 from palpate_lab.train.samples import Indices, Samples, read_samples
@@ -111,7 +111,8 @@ def train(
             restore(network, base.network)
         descent = settings.descent(settings.touch if base is None else settings.fine)
         with bar("touch", descent.steps) as progress:
-            learn(network, learned, held_out, sensor, settings, descent, work, progress)
+            paced = with_pace(progress, descent.steps)
+            learn(network, learned, held_out, sensor, settings, descent, work, paced)
         with bar("judging", 1):
             spread = measure_spread(errors_of(network, held_out))
             scores = judge(errors_of(network, judged), spread)
@@ -173,17 +174,15 @@ def train_on_presses(
         profile = SensorProfile(sensor, radius=0.0, image_height=height, image_width=width)
         torch.manual_seed(settings.seed)
         networks = [TouchNetwork(OUTPUTS[2]) for _ in range(settings.networks)]
-        with bar("direction", len(networks) * descent.steps) as progress:
+        total = len(networks) * descent.steps
+        with bar("direction", total) as progress:
+            paced = with_pace(progress, total)
             for number, network in enumerate(networks):
                 own = replace(settings, seed=len(networks) * settings.seed + number)
                 folder = work / str(number)
                 folder.mkdir(exist_ok=True)
-                before = number * descent.steps
-
-                def show(step: int, note: str, before: int = before) -> None:
-                    progress(before + step, note)
-
-                learn(network, learned, held_out, profile, own, descent, folder, show, varied=varied)
+                after = partial(_after, paced, number * descent.steps)
+                learn(network, learned, held_out, profile, own, descent, folder, after, varied)
         together = Together(networks)
         errors = errors_of(together, held_out)
         scale = spread_of(*errors["direction"]).scale
@@ -192,6 +191,11 @@ def train_on_presses(
         write_model(out, ModelSettings(sensor, height, width, spread, training), exported(together))
         scores = judge(errors, spread)["direction"]
     return {"presses": count, "held_out": apart} | {name: scores[name] for name in ("rms_deg", "median_deg")}
+
+
+def _after(progress: Callable[..., None], before: int, done: int, note: str = "") -> None:
+    """Show the steps of one descent of several, after those before."""
+    progress(before + done, note)
 
 
 def samples_of_presses(presses: Presses, untouched: Sequence[Image]) -> Samples:

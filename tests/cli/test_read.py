@@ -1,0 +1,154 @@
+"""`palpate read`, and the calibration of a flat pad by presses at known places."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from ball import ball_overlap
+
+import palpate
+from palpate import DIGIT, GELSIGHT_MINI
+from palpate_lab.simulate.gel import touch_image
+from palpate_lab.simulate.unit import SensorUnit, draw_unit
+
+PLACES = (-6.0, -2.5, 1.0, 3.5, 6.5)  # [mm]
+
+
+def save(name: str, image: Any) -> str:
+    assert cv2.imwrite(name, np.asarray(image)[..., ::-1])
+    return name
+
+
+def ball(unit: SensorUnit, y: float, z: float = 1.0) -> Any:
+    """Return the image of a ball of 3 mm, pressed in 0.7 mm deep at a place [mm] of a unit."""
+    overlap = ball_overlap(unit, 0.003, (1e-3 * y, 1e-3 * z), 7e-4)
+    return touch_image(unit, overlap, rng=np.random.default_rng(round(100.0 * y) % 997))
+
+
+@pytest.fixture
+def pad(folder: Path) -> SensorUnit:
+    """A drawn GelSight Mini with dots, whose pixels are 2 % smaller than usual; and images of balls on it."""
+    usual = dataclasses.replace(GELSIGHT_MINI, pixel_pitch_sigma=0.0)
+    drawn = (draw_unit(usual, seed) for seed in range(7, 40))
+    unit = next(each for each in drawn if each.markers is not None)
+    unit = dataclasses.replace(unit, pitch=0.98 * unit.pitch, offset=(4e-4, 0.0), roll=0.0)
+    save("still.png", touch_image(unit, None))
+    for y in PLACES:
+        save(f"{y:g}.png", ball(unit, y))
+    return unit
+
+
+def table(places: Any, name: str = "presses.csv") -> str:
+    rows = [f"{y:g}.png,{place:.3f}" for y, place in zip(PLACES, places, strict=True)]
+    Path(name).write_text("\n".join(["file,place_mm", *rows]))
+    return name
+
+
+MINI = ("--sensor", "gelsight-mini")
+
+
+def test_a_press_on_a_flat_pad_has_a_place(pad, json_of, succeeds):
+    names = [save(f"ball{y:g}.png", ball(pad, y, -2.0)) for y in (-5.0, 0.0, 4.0)]
+    told = json_of("read", *names, "still.png", "--untouched", "still.png", *MINI)
+    assert [each["file"] for each in told] == [*names, "still.png"]
+    assert [each["contact"] for each in told] == [True, True, True, False]
+    places = [each["place_mm"] for each in told[:3]]
+    assert places == pytest.approx([-5.0, 0.0, 4.0], abs=0.7)  # the image's middle is 0.4 mm off the pad's
+    assert all(0.2 < each["place_sigma_mm"] < 0.7 for each in told[:3])
+    assert told[3]["place_mm"] is None and told[3]["place_sigma_mm"] is None
+    assert Path("runs/read.png").read_bytes().startswith(b"\x89PNG")
+    said = succeeds("read", names[0], "--untouched", "still.png", *MINI, "--out", "picture.png")
+    assert f"place {places[0]:.2f} ±" in said and Path("picture.png").exists()
+
+
+def test_presses_at_known_places_calibrate_a_flat_pad(pad, json_of):
+    words = ("calibrate", "--untouched", "still.png", *MINI, "--force")
+    told = json_of(*words, "--presses", table(PLACES), "--out", "unit.npz")
+    assert told["presses"] == 5 and told["scatter_mm"] < 0.2 and told["keeps_left_and_right"]
+    assert told["pixel_pitch_mm"] == pytest.approx(1e3 * pad.pitch, rel=0.02)
+    assert told["place_offset_mm"] == pytest.approx(-0.4, abs=0.15)
+    Path("few.csv").write_text("file,place_mm\n" + "".join(f"{y:g}.png,{y}\n" for y in PLACES[1:4]))
+    assert json_of(*words, "--presses", "few.csv", "--out", "few.npz")["calibrated_to_mm"] > (told["calibrated_to_mm"])
+    save("new.png", ball(pad, -4.0, -1.0))
+    (read,) = json_of("read", "new.png", "--calibration", "unit.npz", *MINI)
+    assert read["place_mm"] == pytest.approx(-4.0, abs=0.2) and read["place_sigma_mm"] < 0.35
+    # From the zero of a machine the scale alone can be told, and the sign of places tells left from right.
+    far = json_of(*words, "--presses", table(np.add(PLACES, 80.0)), "--out", "far.npz")
+    assert far["place_offset_sigma_mm"] is None and far["pixel_pitch_mm"] == pytest.approx(told["pixel_pitch_mm"])
+    mirrored = json_of(*words, "--presses", table(np.negative(PLACES)), "--out", "mirrored.npz")
+    assert not mirrored["keeps_left_and_right"]
+    assert palpate.load_calibration("unit.npz").place_offset_sigma == pytest.approx(
+        1e-3 * told["place_offset_sigma_mm"]
+    )
+
+
+def test_wrong_places_are_refused(pad, fails):
+    words = ("calibrate", "--untouched", "still.png", *MINI, "--out", "unit.npz", "--presses")
+    assert "are angles right, and the units of angles, places" in fails(*words, table(np.multiply(PLACES, 16.0)))
+    assert "place_mm: what the presses show lies" in fails(*words, table([6.0, -6.0, 2.0, -4.0, 5.0]))
+    assert not Path("unit.npz").exists()
+
+
+def test_a_press_on_a_dome_has_a_direction(folder, json_of, fails):
+    unit = draw_unit(dataclasses.replace(DIGIT, pixel_pitch_sigma=0.0), 4)
+    save("still.png", touch_image(unit, None))
+    angles = np.array([-9.0, 0.0, 8.0])
+    names = [save(f"{a:g}.png", ball(unit, 1e3 * unit.radius * np.sin(np.radians(a)), 0.0)) for a in angles]
+    told = json_of("read", *names, "--untouched", "still.png")
+    errors = np.array([each["direction_deg"] for each in told]) - angles
+    sigmas = np.array([each["direction_sigma_deg"] for each in told])
+    assert (np.abs(errors) < 3.0 * sigmas).all() and (sigmas < 4.0).all() and "place_mm" not in told[0]
+    for given, message in (
+        ((names[0],), "give either --untouched images or --calibration"),
+        ((names[0], "--untouched", "still.png", *MINI), "still.png: found 320 rows and 240 columns"),
+        (("gone.png", "--untouched", "still.png"), "gone.png: no such file"),
+        (
+            (names[0], "--untouched", "still.png", "--model", "mini"),
+            "and the touch model is of 'GelSight Mini'",
+        ),
+        ((names[0], "--untouched", "still.png", "--out", "still.png"), "still.png: already exists"),
+    ):
+        assert message in fails("read", *given)
+
+
+def test_images_that_cannot_be_read_are_left_out(folder, run_palpate: Callable[..., tuple[int, str, str]]):
+    unit = draw_unit(dataclasses.replace(DIGIT, pixel_pitch_sigma=0.0), 4)
+    save("still.png", touch_image(unit, None))
+    save("black.png", np.zeros((320, 240, 3), np.uint8))
+    code, out, err = run_palpate("read", "black.png", "still.png", "--untouched", "still.png", "--json")
+    assert code == 3 and [each["file"] for each in json.loads(out)] == ["still.png"]
+    assert "black.png: " in err and len(err.splitlines()) == 1
+
+
+def test_dots_are_left_out(pad, json_of, fails):
+    rows, columns = np.mgrid[18.0:240.0:37.0, 20.0:320.0:33.0]
+    dots = np.column_stack((columns.ravel(), rows.ravel())).astype(np.float32)
+    wide = dataclasses.replace(pad.markers, dots=dots[np.arange(len(dots)) % 7 > 0], radius=8.5, dark=0.8)
+    others = dataclasses.replace(wide, dots=wide.dots + np.float32(16.0))
+    still, pressed, other = "wide.png", "wide-ball.png", "others.png"
+    unit = dataclasses.replace(pad, markers=wide)
+    save(still, touch_image(unit, None))
+    save(pressed, ball(unit, -2.0))
+    save(other, ball(dataclasses.replace(pad, markers=others), -2.0))
+    told = json_of("calibrate", "--untouched", still, *MINI, "--out", "wide.npz")
+    covered = len(wide.dots) * np.pi * wide.radius**2 / (240 * 320)
+    assert covered < told["markers_share"] < 2.5 * covered  # with their soft edges
+    assert json_of("info", "wide.npz")["markers_share"] == pytest.approx(told["markers_share"])
+    (read,) = json_of("read", pressed, "--untouched", still, *MINI)
+    bare = dataclasses.replace(pad, markers=None)
+    save("bare.png", touch_image(bare, None))
+    save("bare-ball.png", ball(bare, -2.0))
+    (as_bare,) = json_of("read", "bare-ball.png", "--untouched", "bare.png", *MINI)
+    assert read["place_mm"] == pytest.approx(as_bare["place_mm"], abs=0.1)
+    assert json_of("read", pressed, "--untouched", still, *MINI, "--markers", "off")[0]["contact"]
+    assert "of the dots of the untouched gel where they are there" in fails("read", other, "--untouched", still, *MINI)
+    names = [save(f"{number}-dots.png", ball(bare if number < 2 else unit, 2.0 * number - 4.0)) for number in range(4)]
+    Path("two.csv").write_text("file,place_mm\n" + "".join(f"{name},{2 * k - 4}\n" for k, name in enumerate(names)))
+    words = ("calibrate", "--presses", "two.csv", *MINI, "--out", "two.npz", "--untouched")
+    assert "two.csv: 0-dots.png: image: shows " in fails(*words, still)
+    assert "two.csv: 2-dots.png: image: shows dots, and the untouched gel none" in fails(*words, "bare.png")
