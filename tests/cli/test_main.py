@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("folder")
 
 
 def process(*words: str, **options) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run([sys.executable, "-m", *words], capture_output=True, text=True, timeout=60, **options)
+    return subprocess.run([sys.executable, "-m", *words], capture_output=True, text=True, timeout=180, **options)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -111,7 +111,7 @@ def test_the_real_process():
 
 def test_closed_outputs_do_not_end_a_run():
     words = f"{sys.executable} -m palpate track push.mcap >&- 2>&-"
-    assert subprocess.run(["sh", "-c", words], timeout=60).returncode == 0
+    assert subprocess.run(["sh", "-c", words], timeout=180).returncode == 0
     assert Path("runs/push/figure.png").exists() and palpate.load_recording("push.mcap")
 
 

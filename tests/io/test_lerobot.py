@@ -172,4 +172,4 @@ def test_a_dataset_is_written_whole_or_not_at_all(folder, fails):
 
 def test_the_extra_is_named_where_it_is_missing(folder, fails, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    assert "palpate[lerobot]" in fails("convert", "a.mcap", "pushes", "--lerobot")
+    assert "[lerobot]" in fails("convert", "a.mcap", "pushes", "--lerobot")

@@ -18,6 +18,7 @@ def trial(final_mm: float, method: str = "none", group: str = "disc", **summary:
         "scored_frames": 4,
         "final_translation_error_mm": final_mm,
         "final_rotation_error_deg": 1.0,
+        "final_sigma": [1e-3, 1e-3, 0.01],
         "nats": 10.0 * final_mm,
         "step_ms": {"p50": final_mm, "p95": 2.0 * final_mm, "p99": 3.0 * final_mm},
     }
