@@ -1,10 +1,10 @@
-"""Track the real pushes of MIT and CMU from eight priors of friction, without and with an expected slide.
+"""Track the real pushes of MIT from eight priors of friction, without and with an expected slide.
 
     python scripts/measure_near_ties.py [../shared/data]
 
 Which pushes that are knocked by hand are followed is decided by near ties: one run of each says little. So each is
 tracked from eight priors of the friction coefficient between 0.30 and 0.41, less than a half of the prior's standard
-deviation apart, with the true relative yaw for touch: docs/study/near_ties.json. Ten minutes on two cores.
+deviation apart, with the true relative yaw for touch: docs/study/near_ties.json. Five minutes on two cores.
 """
 
 import sys
@@ -43,25 +43,14 @@ class Case:
 
 
 def main(data: Path) -> None:
-    """Track all recordings from all priors and write a row for each source and expected slide."""
-    files = {folder: list(find_recordings(data / folder).values()) for folder in ("mit_point_push", "cmu_two_finger")}
+    """Track all recordings from all priors and write rows of those with and without a knock for each expected slide."""
+    files = find_recordings(data / "mit_point_push").values()
     rows: dict[str, Any] = {}
     for share in SHARES:
-        for folder, paths in files.items():
-            runs = for_each(scores, [Case(path, grip, share) for path in paths for grip in GRIPS])
-            for name, group in by_kind(folder, runs).items():
-                rows[f"{name}, {share}"] = {"share": share, **row(group)}
+        runs = for_each(scores, [Case(path, grip, share) for path in files for grip in GRIPS])
+        rows[f"not knocked, {share}"] = row([run for run in runs if not run["later"]])
+        rows[f"knocked by hand, {share}"] = row([run for run in runs if run["later"]])
     write("near_ties", {"priors": len(GRIPS), "rows": rows})
-
-
-def by_kind(folder: str, runs: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
-    """Return the runs of a source; those of MIT with and without a knock."""
-    if folder == "cmu_two_finger":
-        return {"CMU": runs}
-    return {
-        "MIT, not knocked": [run for run in runs if not run["later"]],
-        "MIT, knocked by hand": [run for run in runs if run["later"]],
-    }
 
 
 def row(runs: list[dict[str, Any]]) -> dict[str, Any]:
@@ -94,7 +83,7 @@ def scores(case: Case) -> dict[str, Any]:
         "inside_contact": summary["in_95_contact_share"],
         "silent": summary["silently_wrong_share"],
         "ambiguous": summary["ambiguous_share"],
-        "later": after_knocks(run) if "mit" in str(case.file) else [],
+        "later": after_knocks(run),
     }
 
 

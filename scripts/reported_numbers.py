@@ -328,6 +328,26 @@ TABLES: dict[str, Table] = {
         },
         real_runs,
     ),
+    "near-ties": Table(
+        {
+            "MIT's pushes; expected slide": "{name}",
+            "runs": "{runs}",
+            "final error": "{final_median_mm:.1f} mm ({final_worst_mm:.0f})",
+            "lost": "{lost}",
+            "within 10 mm a second after a knock": "{found} of {knocks}",
+            "in 95 %, in contact": "{inside_contact:.1%}",
+            "silently wrong": "{silent:.1%}",
+        },
+        of_json(
+            "docs/study/near_ties.json",
+            {
+                f"{kind}, {share}": f"{kind}; {share}"
+                for kind in ("not knocked", "knocked by hand")
+                for share in ("0.0", "0.15")
+            },
+            "rows",
+        ),
+    ),
     "set-up-errors": Table(
         {
             "error": "{name}",
