@@ -82,9 +82,9 @@ def learn_keypoints(
         }
 
     def draw(rng: np.random.Generator) -> tuple[Images, NDArray[np.int_]]:
-        return images, rng.integers(len(images.frame), size=128)
+        return images, rng.integers(len(images.frame), size=32)
 
-    checked = np.random.default_rng(0).integers(len(held_out.frame), size=512)
+    checked = np.random.default_rng(0).integers(len(held_out.frame), size=256)
 
     def on_held_out() -> dict[str, Tensor]:
         return {"reconstruction": losses((held_out, checked))["reconstruction"]}
