@@ -102,14 +102,22 @@ def physics_errors(model: ContactModel, object_pose: Array, sensor_pose: Array) 
     return np.append(moved.sum(axis=0) / np.sqrt(len(moved)), gap.sum() / np.sqrt(len(gap)))
 
 
+def physics_noise(errors: Array) -> PhysicsNoise:
+    """Return the noise that errors of episodes (E, 4) show, by their medians: a few contacts slide."""
+    *moved, gap = (1.4826 * np.median(np.abs(errors), axis=0)).tolist()
+    return PhysicsNoise(tuple(moved), gap)
+
+
 class Tracker:
     """Online estimate of the object pose over contact episodes."""
 
-    def __init__(self, model: ContactModel, noise: PhysicsNoise, first_pose: Array) -> None:
+    def __init__(
+        self, model: ContactModel, noise: PhysicsNoise, first_pose: Array, first_sigma: Sequence[float]
+    ) -> None:
         self._model = model
         self._noise = noise
         self.pose = first_pose
-        self.covariance = np.diag(np.square(CAPTURE))
+        self.covariance = np.diag(np.square(first_sigma))
         self.steps = 0
         """Frames in the graph of this episode; 0 begins one, for which the object rests where it was estimated."""
         self._isam = gtsam.ISAM2()
@@ -165,12 +173,14 @@ def track_episodes(
     turns: dict[int, list[tuple[int, float]]],
     first_pose: Array,
     sigma: float,
+    first_sigma: Sequence[float] = CAPTURE,
 ) -> tuple[Array, Array, Array]:
-    """Track a sequence of N frames; `turns` has the tactile measurements by frame, `sigma` their deviation [rad].
+    """Track a sequence of N frames; `turns` has the tactile measurements by frame, `sigma` their deviation [rad],
+    and `first_sigma` is that of the first pose [m, m, rad].
 
     Return poses (N, 3), covariances (N, 3, 3) and the time of each step (N,) [ms].
     """
-    tracker = Tracker(model, noise, first_pose)
+    tracker = Tracker(model, noise, first_pose, first_sigma)
     poses = []
     covariances = []
     step_ms = []

@@ -12,7 +12,7 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.types.sensor import SensorProfile
-from palpate_lab.simulate.push_settings import PushSettings
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 
 TRIES = 1000
 """Draws of a place before giving up."""
@@ -42,7 +42,7 @@ def draw_touch(
     kind: str,
     sensor: SensorProfile,
     rng: np.random.Generator,
-    settings: PushSettings = PushSettings(),
+    settings: PushSettings = ROBOT,
 ) -> Touch:
     """Draw a contact of one kind that the gel can reach; raises SettingError if none is found.
 

@@ -25,3 +25,7 @@ class PushSettings:
     """Coulomb friction between gel and object."""
     gel_stiffness: tuple[float, float] = (2600.0, 6500.0)
     """Normal force per indentation of a round gel [N/m]."""
+
+
+ROBOT = PushSettings()
+"""Pushes by a robot, those of recordings that say nothing else."""

@@ -29,7 +29,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.types.sensor import SensorProfile
 from palpate_lab.simulate.paths import TRIES, Surroundings, Touch, draw_place, draw_touch, kinds, unit_vector
-from palpate_lab.simulate.push_settings import PushSettings
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 from palpate_lab.simulate.scene import draw_settings
 from palpate_lab.simulate.world import Motion, Shove, World, concatenated
 
@@ -45,7 +45,7 @@ def draw_sequence(
     seconds: float = 15.0,
     knocks: np.random.Generator | None = None,
     gel_drift: tuple[float, float] = (0.0, 0.0),
-    pushes: PushSettings = PushSettings(),
+    pushes: PushSettings = ROBOT,
 ) -> Motion:
     """Draw a world and a sequence of pushes in it, at the sensor's rate; the same generator gives the same.
 

@@ -22,7 +22,7 @@ from palpate_lab import required
 from palpate_lab.parallel import held_folder, spread
 from palpate_lab.simulate.gel import Side, draw_side, render
 from palpate_lab.simulate.paths import kinds
-from palpate_lab.simulate.push_settings import PushSettings
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 from palpate_lab.simulate.pushes import draw_sequence, measured
 from palpate_lab.simulate.set_up_errors import Mark, draw_errors, with_errors, worn
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
@@ -66,7 +66,7 @@ class Simulation:
     """Nominal profile of the sensor."""
     marks: tuple[Mark, ...] | None = None
     """Marks that appear on the gel in place of those that are drawn with the other errors of a set-up."""
-    pushes: PushSettings = PushSettings()
+    pushes: PushSettings = ROBOT
     """Ranges that the pushes are drawn from."""
     side: Side | None = None
     """Side of the object that meets the pad; None draws one."""
@@ -94,7 +94,7 @@ class Simulation:
             + ("" if self.sensor == DIGIT else f", {self.sensor.name}")
             + ("" if self.ideal else f", with systematic errors{'' if self.unit is None else ' of the unit'}")
             + ("" if self.marks is None else f", marks {self.marks}")
-            + ("" if self.pushes == PushSettings() else f", {self.pushes}")
+            + ("" if self.pushes == ROBOT else f", {self.pushes}")
             + ("" if self.side is None else f", {self.side}")
         )
 
@@ -177,7 +177,8 @@ def plan(
 ) -> dict[str, Simulation]:
     """Return the recordings of a folder by file name: `count` of each named object, its kinds of contact in turn.
 
-    `leave_out` are kinds of contact that are not made. Options are further fields of `Simulation`. Raises SettingError on a value that is not allowed, and without MuJoCo.
+    `leave_out` are kinds of contact that are not made. Options are further fields of `Simulation`.
+    Raises SettingError on a value that is not allowed, and without MuJoCo.
     """
     if not 1 <= count <= COUNT:
         raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")

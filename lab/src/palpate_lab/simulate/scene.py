@@ -14,7 +14,7 @@ from palpate.errors import SettingError
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
 from palpate.types.sensor import SensorProfile
 from palpate_lab import required
-from palpate_lab.simulate.push_settings import PushSettings
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 
 WARM_UP = 15.0
 """Time in which friction and stiffness of a gel drift [s]; then they stay."""
@@ -41,7 +41,7 @@ class WorldSettings:
     """Relative growth of friction and stiffness of the gel [1/s], for WARM_UP."""
 
 
-def draw_settings(shape: Shape, rng: np.random.Generator, pushes: PushSettings = PushSettings()) -> WorldSettings:
+def draw_settings(shape: Shape, rng: np.random.Generator, pushes: PushSettings = ROBOT) -> WorldSettings:
     """Draw a world for one object: a block of wood or plastic on a table, and used, dusty elastomer.
 
     As pushes are by default, the contact slips in some worlds and sticks in others, and the gel gives 0.4 to 1 mm at
