@@ -11,32 +11,35 @@ from torch import Tensor, nn
 
 from palpate.arrays import Array
 from palpate.errors import SettingError
+from palpate.touch.touch_model import shipped_model
 from palpate_lab.paper.images import CLASSES, Images, draw_pairs, turn_between
 from palpate_lab.train.fit import FitSettings, fit
-from palpate_lab.train.networks import MAP, WIDTH, Encoder, cell_centres, imprint, keypoint
+from palpate_lab.train.networks import MAP, WIDTH, Encoder, cell_centres, imprint, keypoint, restore
+
+POINTS = 4
+"""Key points, as the touch model has them; the authors have one."""
 
 
 class KeypointNetwork(nn.Module):
     """Image to key point and back; and the class of contact from the activation map.
 
-    The encoder is a small ResNet-18. There is one key point, the authors' choice, so no loss of separation. The
-    classifier takes the activation map as it is: it does not shape it.
+    The encoder is a small ResNet-18. The classifier takes the activation maps as they are: it does not shape them.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.encoder = Encoder()
-        self.heat = nn.Conv2d(WIDTH, 1, 1)
+        self.points = nn.Conv2d(WIDTH, POINTS, 1)
         self.classifier = nn.Sequential(
             nn.Flatten(),
-            nn.Linear(MAP[0] * MAP[1], 32),
+            nn.Linear(POINTS * MAP[0] * MAP[1], 32),
             nn.ReLU(),
             nn.Linear(32, 32),
             nn.ReLU(),
             nn.Linear(32, len(CLASSES)),
         )
         self.decoder = nn.Sequential(
-            nn.Conv2d(1, WIDTH, 3, padding=1),
+            nn.Conv2d(POINTS, WIDTH, 3, padding=1),
             nn.ReLU(),
             nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False),
             nn.Conv2d(WIDTH, WIDTH, 3, padding=1),
@@ -46,16 +49,26 @@ class KeypointNetwork(nn.Module):
         )
 
     def forward(self, difference: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Return key points (B, 1, 2), column and row from -1 to 1, class logits (B, C) and the map (B, 1, 8, 32)."""
-        heat = self.heat(self.encoder(difference))
-        activation = heat.flatten(1).softmax(dim=1).reshape(heat.shape)
-        return keypoint(activation), self.classifier(heat.detach()), activation
+        """Return key points (B, K, 2), column and row from -1 to 1, class logits (B, C), the maps (B, K, 8, 32)."""
+        activation = nn.functional.softplus(self.points(self.encoder(difference)))
+        return keypoint(activation), self.classifier(activation.detach()), activation
 
     def reconstructed(self, points: Tensor) -> Tensor:
-        """Return images (B, 3, 32, 128) from key points (B, 1, 2), each drawn as a Gaussian on an empty map."""
+        """Return images (B, 3, 32, 128) from key points (B, K, 2), each drawn as a Gaussian on an empty map."""
         column = _bump(MAP[1], points[..., 0:1])
         row = _bump(MAP[0], points[..., 1:2])
         return self.decoder(row[..., :, None] * column[..., None, :])
+
+
+def started() -> KeypointNetwork:
+    """Return a network whose encoder and key points start from palpate's touch model of a DIGIT, the same layers.
+
+    From nothing, a few hundred steps leave features that tell little more than a constant.
+    """
+    network = KeypointNetwork()
+    file = shipped_model("DIGIT").folder / "touch.onnx"
+    restore(nn.ModuleDict({"encoder": network.encoder, "points": network.points}), file.read_bytes())
+    return network
 
 
 def load_features(named: str) -> nn.Module:
@@ -176,7 +189,7 @@ def keypoints_of(network: nn.Module, images: Images) -> tuple[Array, Array]:
 
 
 def _bump(count: int, centre: Tensor) -> Tensor:
-    """Return a Gaussian (B, 1, count) over the cells of a map's side, about centres (B, 1, 1) from -1 to 1."""
+    """Return a Gaussian (B, K, count) over the cells of a map's side, about centres (B, K, 1) from -1 to 1."""
     blob = 0.1  # [share of the image] standard deviation
     return torch.exp(-(((torch.from_numpy(cell_centres(count)) - centre) / (2.0 * blob)) ** 2) / 2.0)
 

@@ -19,8 +19,8 @@ from palpate_lab.study.figures import COLOURS, OVER_TIME, STYLE, errors_over_tim
 from palpate_lab.study.study import Trial
 
 Shown = tuple[NDArray[np.float16], Array, NDArray[np.int_]]
-"""Some images of a sequence (M, 32, 128, 3), as differences from the untouched gel, their key points (M, 2) from -1 to
-1, and their frames (M,)."""
+"""Some images of a sequence (M, 32, 128, 3), as differences from the untouched gel, their key points (M, 2 K) from -1
+to 1, and their frames (M,)."""
 Tracks = Mapping[str, tuple[Recording, Sequence[Trial]]]
 """Sequences by name, with a trial for each mode."""
 
@@ -61,9 +61,8 @@ def keypoints(seen: Mapping[str, Shown]) -> Figure:
         for axes, image, point, frame in zip(row, images, points, frames, strict=True):
             height, width = image.shape[:2]
             axes.imshow(np.clip(0.5 + 0.3 * image.astype(np.float32), 0.0, 1.0), aspect=4 / 3 * width / height)
-            axes.plot(
-                *(0.5 * (point + 1.0) * (width, height) - 0.5), "o", color="blue", markersize=6, label="key point"
-            )
+            column, row_of_image = (0.5 * (point.reshape(-1, 2) + 1.0) * (width, height) - 0.5).T
+            axes.plot(column, row_of_image, "o", color="blue", markersize=5, label="key points")
             axes.set_title(f"{name.split('-')[0]}, frame {frame}", fontsize=8)
             axes.set_xlabel("column [px]", fontsize=7)
             axes.set_ylabel("row [px]", fontsize=7)

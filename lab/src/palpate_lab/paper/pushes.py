@@ -12,19 +12,23 @@ _ANY = PushSettings(
     # "For sticking contact, the contact point pushing velocity must lie inside the motion cone": clean, tacky silicone,
     # one gel and not one for each recording.
     gel_friction=(1.0, 1.6),
-    gel_stiffness=(3800.0, 4200.0),
+    gel_stiffness=(4000.0, 4000.0),
+    deep_as_pressed=True,
     # The paper's sensor is on a stick in a person's hand (Fig. 3), which yields to the object's turning. Not stated.
-    begins=20.0,
+    begins=15.0,
+    # The contact stays in the image, which shows a DIGIT's pad up to 20 degrees or so to either side.
+    turns_after=20.0,
+    ends=20.0,
     follows=(0.2, 0.5),
 )
 PUSHES = {
     "disc": _ANY,
     # "Pushing along a corner cause large object rotations about the contact point."
-    "rect": replace(_ANY, speed=(0.038, 0.076), beside=0.6),
+    "rect": replace(_ANY, speed=(0.057, 0.100), follows=(0.1, 0.3), heading=20.0, beside=0.6),
     "ellip": _ANY,
 }
 """Pushes of each object; each recording "makes and breaks contact typically 2-3 times", as all recordings do."""
-LEFT_OUT = ("rectangle-near-corners",)
+LEFT_OUT = ("rectangle-corners",)
 """Kinds of contact that are not made: "pushing at both edges and corners for the rect object"."""
 SIDE = Side()
 """Upright sides, 20 mm high: the paper's three objects are prisms, and stay the same."""

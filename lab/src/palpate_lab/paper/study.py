@@ -22,7 +22,7 @@ from palpate.io import load_recording
 from palpate.io.outlines import load_shape
 from palpate.types.sensor import DIGIT
 from palpate_lab.paper import figures
-from palpate_lab.paper.features import KeypointNetwork, keypoints_of, learn_keypoints, learn_turns, load_features
+from palpate_lab.paper.features import keypoints_of, learn_keypoints, learn_turns, load_features, started
 from palpate_lab.paper.graph import physics_errors, physics_noise
 from palpate_lab.paper.helps import Panel, panels_of, traits
 from palpate_lab.paper.images import Images, draw_pairs, joined, read_images, turn_between
@@ -48,19 +48,19 @@ SHAPES = {"disc": "disc", "rect": "rectangle", "ellip": "ellipse"}
 class PaperSettings:
     """Size of the study."""
 
-    train: int = 18
+    train: int = 12
     """Sequences of each object to learn from, a third of them for validation."""
     rectangles: int = 30
     """Sequences of the rectangle to track; the paper has 50 of each object."""
-    others: int = 5
+    others: int = 3
     """Sequences of the disc, and of the ellipse, to track."""
-    swept: int = 5
+    swept: int = 4
     """Sequences of the rectangle that are tracked with other friction radii and first poses as well."""
-    seconds: float = 10.0
+    seconds: float = 8.0
     """Length of a training sequence [s]."""
-    steps: int = 150
+    steps: int = 80
     """Steps of the auto-encoder's descent."""
-    turn_steps: int = 400
+    turn_steps: int = 240
     """Steps of the encoder's descent by the loss of the transform prediction."""
     pairs: int = 20_000
     """Pairs that the transform networks are fitted to, and as many to validate."""
@@ -194,7 +194,7 @@ def _draw(
     for name in (rectangles[0], others[0], others[-1]):
         images = read_images(load_recording(files[name]))
         shown = np.linspace(0, len(images.frame) - 1, 6).astype(int)
-        seen[name] = (images.difference[shown], keypoints_of(network, images)[0][shown, :2], images.frame[shown])
+        seen[name] = (images.difference[shown], keypoints_of(network, images)[0][shown], images.frame[shown])
     tracks = (_tracks(files, rectangles, trials), _tracks(files, others, trials))
     figures.draw(out, seen, *tracks, trials, panels)
 
@@ -228,7 +228,7 @@ def _learn(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str
         noted: list[str] = []
         with bar(name, steps) as progress:
             note = partial(_note, noted, progress)
-            fit_settings = FitSettings(steps=steps, check=max(steps // 10, 1))
+            fit_settings = FitSettings(steps=steps, rate=5e-4, check=max(steps // 10, 1))
             learn(network, *combined, fit_settings, settings.seed, out, note)
         held_out[name] = noted
     losses, weights = _fit_transforms(network, for_training, validation, settings, bar)
@@ -340,7 +340,7 @@ def _felt(path: Path, out: Path, settings: PaperSettings) -> None:
 def _network(settings: PaperSettings) -> nn.Module:
     """Return the network of features before it has learnt, with weights drawn from the seed."""
     torch.manual_seed(settings.seed)
-    return load_features(settings.features) if settings.features else KeypointNetwork()
+    return load_features(settings.features) if settings.features else started()
 
 
 def _models(out: Path, settings: PaperSettings) -> tuple[nn.Module, Array]:

@@ -56,7 +56,7 @@ def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
     network = nn.Sequential(nn.Linear(inputs.shape[1], 32), nn.ReLU(), nn.Linear(32, 1))
     optimiser = torch.optim.Adam(network.parameters(), lr=1e-3)
     for _ in range(3000):
-        chosen = torch.from_numpy(rng.integers(len(inputs), size=1024))
+        chosen = torch.from_numpy(rng.integers(len(inputs), size=256))
         loss = nn.functional.mse_loss(network(inputs[chosen])[:, 0], wanted[chosen])
         optimiser.zero_grad()
         loss.backward()

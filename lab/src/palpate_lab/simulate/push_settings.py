@@ -19,12 +19,16 @@ class PushSettings:
     """Largest angle of the first contact from a round gel's apex, either way [deg]."""
     turns_after: float = 20.0
     """Angle from a round gel's apex past which the sensor turns after its contact [deg]."""
+    ends: float = 30.0
+    """Angle from a round gel's apex past which the push ends [deg]."""
     follows: tuple[float, float] | None = None
     """Share of the object's turning by which the sensor turns with it; None for a robot, which does not."""
     gel_friction: tuple[float, float] = (0.25, 0.6)
     """Coulomb friction between gel and object."""
     gel_stiffness: tuple[float, float] = (2600.0, 6500.0)
     """Normal force per indentation of a round gel [N/m]."""
+    deep_as_pressed: bool = False
+    """Images show the gel at least as deep as its normal force presses it: MuJoCo's contact opens where it slides."""
 
 
 ROBOT = PushSettings()

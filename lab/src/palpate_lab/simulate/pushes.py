@@ -176,7 +176,7 @@ class _Robot:
         self._rng = rng
         self._rate = sensor.rate
         self._pushes = pushes
-        self._turn_after, self._pad_end = np.radians((5.0, 12.0) if sensor.width else (pushes.turns_after, 30.0))
+        self._turn_after, self._pad_end = np.radians((5.0, 12.0) if sensor.width else (pushes.turns_after, pushes.ends))
 
     def go(self, path: Array) -> Motion:
         """Follow a path (N, 3), as far as frames are left."""

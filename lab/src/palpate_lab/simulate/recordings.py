@@ -152,7 +152,10 @@ class Simulation:
         images = []
         side = draw_side(camera) if self.side is None else self.side
         poses = se2.between(motion.object_pose, motion.sensor_pose)
-        for unit, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
+        depth = motion.indentation
+        if self.pushes.deep_as_pressed:
+            depth = np.maximum(depth, motion.normal_force / float(np.mean(self.pushes.gel_stiffness)))
+        for unit, *contact in zip(units, poses, depth, motion.tangential_force, strict=True):
             images.append(encode_image(render(unit, self.shape, *contact, rng=camera, side=side)))
             if progress:
                 progress(len(images))
