@@ -68,6 +68,9 @@ def draw_panels(panels: Mapping[str, Mapping[str, Panel]]) -> Figure:
         for axis, (name, label) in zip(axes, LABELS.items(), strict=True):
             _draw_lines(axis, of_unit[name])
             axis.set(xlabel=label, yscale="log", xscale="log" if name == "c_factor" else "linear")
+        ticks = [at for at, _ in next(iter(of_unit["c_factor"].values()))]
+        axes[1].set_xticks(ticks, [f"{at:.2g}" for at in ticks], minor=False)
+        axes[1].set_xticks([], minor=True)
         axes[0].set_ylabel(f"median final error [{unit}]")
     return figure
 
