@@ -3,6 +3,7 @@
 import importlib.util
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -89,12 +90,18 @@ def load_features(named: str) -> nn.Module:
     wanted = "points (B, K, 2), logits (B, 4) and activation; reconstructed gives images (B, 3, 32, 128)"
     try:
         points, logits, _ = network(torch.zeros(2, 3, 32, 128))
-        shapes = (points.ndim, *points.shape[::2], *logits.shape, *network.reconstructed(points).shape)
+        shapes = (points.ndim, *points.shape[::2], *logits.shape, *_reconstructed(network, points).shape)
     except Exception as error:  # anything that a stranger's network can raise
         raise SettingError(f"{named}: failed on images (2, 3, 32, 128), {error}; wanted is {wanted}") from error
     if shapes != (3, 2, 2, 2, len(CLASSES), 2, 3, 32, 128):
         raise SettingError(f"{named}: gives other shapes than {wanted}")
     return network
+
+
+def _reconstructed(network: nn.Module, points: Tensor) -> Tensor:
+    """Return the images of a network's own decoder."""
+    decode: Any = network.reconstructed
+    return decode(points)
 
 
 def learn_keypoints(
@@ -117,7 +124,7 @@ def learn_keypoints(
         difference = _tensor(source.difference[chosen])
         points, logits, _ = network(difference)
         return {
-            "reconstruction": ((network.reconstructed(points) - imprint(difference)) ** 2).mean(),
+            "reconstruction": ((_reconstructed(network, points) - imprint(difference)) ** 2).mean(),
             "class": nn.functional.cross_entropy(logits, torch.from_numpy(source.contact_class[chosen])),
         }
 
