@@ -235,20 +235,43 @@ def long_runs() -> Iterator[Row]:
 
 
 def paper_losses() -> list[Row]:
-    """Return Table II of `palpate paper`, thousandths, with the published values in brackets."""
+    """Return Table II of `palpate paper`, thousandths, with the published values in brackets where there are any."""
     found = loaded("docs/study/paper.json")
-    return [
-        {
-            "model": model,
-            **{name: f"{1e3 * row[name]:.2f} ({1e3 * found['published_table2'][model][name]:.1f})" for name in row},
-        }
-        for model, row in found["table2"].items()
-    ]
+    rows: list[Row] = []
+    for model, losses in found["table2"].items():
+        published = found["published_table2"].get(model)
+        shown = {name: f"{1e3 * loss:.2f}" for name, loss in losses.items()}
+        if published:
+            shown = {name: f"{loss} ({1e3 * published[name]:.1f})" for name, loss in shown.items()}
+        rows.append({"model": model, **shown})
+    return rows
+
+
+def paper_pushes() -> list[Row]:
+    """Return the loss of a constant over all pushes of `palpate paper`, thousandths, beside the published one."""
+    found = loaded("docs/study/paper.json")
+    rows: list[Row] = []
+    for name, row in found["pushes"].items():
+        published = found["published_table2"]["const"][name]
+        thousandths = {key: 1e3 * row[key] for key in ("const", "low", "high")}
+        rows.append({**thousandths, "object": name, "sequences": row["sequences"], "published": 1e3 * published})
+    return rows
 
 
 def paper_tracking() -> list[Row]:
-    """Return the final errors of `palpate paper` by kind of touch."""
-    return [{"touch": mode, **row} for mode, row in loaded("docs/study/paper.json")["tracking"].items()]
+    """Return the final errors of `palpate paper` by object and kind of touch, medians with 95 % intervals."""
+    rows: list[Row] = []
+    for name, by_mode in loaded("docs/study/paper.json")["tracking"].items():
+        for mode, row in by_mode.items():
+            if mode != "in_order":
+                cells = {unit: "{median:.1f} [{low:.1f}, {high:.1f}]".format(**row[unit]) for unit in ("mm", "deg")}
+                rows.append({**row, **cells, "touch": mode, "object": name})
+    return rows
+
+
+def paper_order() -> list[Row]:
+    """Return the share of bootstrap draws in which the rectangle's medians stand in the paper's order."""
+    return [loaded("docs/study/paper.json")["tracking"]["rect"]["in_order"]]
 
 
 TABLES: dict[str, Table] = {
@@ -259,15 +282,27 @@ TABLES: dict[str, Table] = {
     "paper": Table(
         {"model": "{model}", **{name: f"{{{name}}}" for name in ("disc", "rect", "ellip", "combined")}}, paper_losses
     ),
+    "paper-pushes": Table(
+        {
+            "object": "{object}",
+            "const": "{const:.1f} [{low:.1f}, {high:.1f}]",
+            "published": "{published:.1f}",
+            "sequences": "{sequences}",
+        },
+        paper_pushes,
+    ),
     "paper-tracking": Table(
         {
+            "object": "{object}",
             "touch": "{touch}",
-            "final error": "{final_translation_mm:.1f} mm, {final_rotation_deg:.1f}°",
-            "lost": "{lost}",
+            "final error [mm]": "{mm}",
+            "final error [deg]": "{deg}",
+            "lost": "{lost} of {sequences}",
             "in 95 %": "{in_95_share:.0%}",
         },
         paper_tracking,
     ),
+    "paper-order": Table({"in order, translation": "{mm:.0%}", "rotation": "{deg:.0%}"}, paper_order),
     "expected": Table({"": "{name}", "runs": "{count}", **SCORES}, expected),
     **{
         name: Table({**OF_OBJECTS, "NEES": "{nees}"}, lambda name=name: by_contact(name))

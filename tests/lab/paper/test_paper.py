@@ -16,8 +16,10 @@ from palpate_lab.paper.transform_network import expanded, fit_linear, reversed_p
 
 pytest.importorskip("gtsam", reason="GTSAM is not installed: pip install 'palpate-lab[paper]'")
 from palpate_lab.paper.graph import (
+    PhysicsNoise,
     compared_frames,
     contact_residual,
+    physics_errors,
     quasi_static_residual,
     tactile_error,
     track_episodes,
@@ -62,7 +64,8 @@ def test_the_oracle_keeps_the_yaw_of_a_push():
     g = np.array([-0.1, 0.0, 0.0])
     truth = se2.compose(e, se2.inverse(g))
     turns = {t: [(back, 0.0) for back in compared_frames(t)] for t in range(count)}
-    pose, covariance, _ = track_episodes(model, e, np.zeros(count, int), turns, truth[0], 1e-3)
+    noise = PhysicsNoise((8e-5, 8e-5, 2.7e-5), 8e-3)
+    pose, covariance, _ = track_episodes(model, noise, e, np.zeros(count, int), turns, truth[0], 1e-3)
     np.testing.assert_allclose(pose, truth, atol=1e-4)
     assert (np.linalg.eigvalsh(covariance) > 0.0).all()
 
@@ -72,6 +75,25 @@ def test_the_deviation_of_touch_follows_from_errors_that_last():
     # of the whole, and a variance of 2 / 3.
     earlier, later, error = np.array([0, 0, 1]), np.array([2, 1, 2]), np.array([0.3, 0.1, 0.1])
     assert tactile_error(earlier, later, error) == pytest.approx((2 * 0.3 + 0.2) / 3 / np.sqrt(2 / 3))
+
+
+def test_physics_has_no_error_where_it_holds():
+    # The tip pushes the left side head on, and the object follows without turning: no torque, no gap.
+    model = replace(contact_model(Rectangle(0.2, 0.1), SensorProfile("tip", 0.01)), friction_radius=0.05)
+    e = np.column_stack([np.linspace(0.0, 0.04, 20), np.zeros(20), np.zeros(20)])
+    truth = se2.compose(e, se2.inverse(np.array([-0.1, 0.0, 0.0])))
+    np.testing.assert_allclose(physics_errors(model, truth, e), 0.0, atol=1e-7)
+    # The object stays: each of 19 steps of the contact point lacks 40 / 19 mm, 40 mm over the root of 19 in all.
+    still = np.tile(truth[0], (20, 1))
+    assert physics_errors(model, still, e)[0] == pytest.approx(-0.04 / np.sqrt(19.0), abs=1e-6)
+
+
+def test_a_folder_of_other_code_and_features_that_are_none_are_named(fails, tmp_path):
+    (tmp_path / "settings.json").write_text("{}")
+    assert "take another folder" in fails("paper", "--small", "--out", tmp_path)
+    assert "allowed is FILE.py:Class" in fails("paper", "--features", "nowhere.py:Net", "--out", tmp_path / "new")
+    (tmp_path / "own.py").write_text("import torch\nclass Net(torch.nn.Identity):\n    pass\n")
+    assert "failed on images" in fails("paper", "--features", f"{tmp_path}/own.py:Net", "--out", tmp_path / "new")
 
 
 @pytest.mark.parametrize("name", ["gtsam", "torch", "mujoco"])

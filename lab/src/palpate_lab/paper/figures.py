@@ -1,6 +1,7 @@
-"""Figures 5 and 10 to 12 of the paper; 6 to 8 are those of any study."""
+"""Figures 5 to 8 and 10 to 12 of the paper, each with its number in the title."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,42 +14,66 @@ from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.io.recording import Recording
 from palpate.pipeline.figures import own_style
-from palpate_lab.study.figures import COLOURS
+from palpate_lab.paper.helps import Panel, draw_panels
+from palpate_lab.study.figures import COLOURS, OVER_TIME, STYLE, errors_over_time, final_errors
 from palpate_lab.study.study import Trial
 
-Shown = tuple[NDArray[np.float16], Array]
-"""Some images of a sequence (M, 32, 128, 3), as differences from the untouched gel, and their key points (M, 2)."""
+Shown = tuple[NDArray[np.float16], Array, NDArray[np.int_]]
+"""Some images of a sequence (M, 32, 128, 3), as differences from the untouched gel, their key points (M, 2 K) from -1
+to 1, and their frames (M,)."""
 Tracks = Mapping[str, tuple[Recording, Sequence[Trial]]]
 """Sequences by name, with a trial for each mode."""
 
 
-@own_style()
-def draw(out: Path, seen: Sequence[Shown], rectangles: Tracks, others: Tracks) -> None:
+def draw(
+    out: Path,
+    seen: Mapping[str, Shown],
+    rectangles: Tracks,
+    others: Tracks,
+    trials: Sequence[Trial],
+    panels: Mapping[str, Mapping[str, Panel]],
+) -> None:
     """Write the figures to a folder."""
-    for name, figure in (
-        ("fig5_keypoints", keypoints(seen)),
-        ("fig10_11_rect", trajectories(rectangles)),
-        ("fig12_disc_ellip", trajectories(others)),
-    ):
-        with whole_file(out / f"{name}.png", overwrite=True) as part:
-            figure.savefig(part, format="png", dpi=110)
+    by_object = [replace(trial, group=trial.recording.split("-")[0]) for trial in trials]
+    errors = {label: quantity for label, quantity in OVER_TIME.items() if not label.startswith("step")}
+    runtime = {label: quantity for label, quantity in OVER_TIME.items() if label.startswith("step")}
+    with own_style(**STYLE):
+        _save(out, "fig5_keypoints", keypoints(seen), "Figure 5 of the paper: learnt key points on touch images")
+        title = "Figure 6 of the paper: online errors, medians and quartiles of sequences"
+        _save(out, "fig6_errors_over_time", errors_over_time(by_object, errors), title)
+        title = "Figure 7 of the paper: final errors, median, quartiles, 5 and 95 %"
+        _save(out, "fig7_final_errors", final_errors(by_object), title)
+        title = "Figure 8 of the paper: time of a step of the graph, medians and quartiles"
+        _save(out, "fig8_runtime", errors_over_time(by_object, runtime), title)
+        title = "Figures 10, 11 of the paper: rectangle, true poses grey, sensor's path dotted, x and y in m"
+        _save(out, "fig10_11_rect", trajectories(rectangles), title)
+        title = "Figure 12 of the paper: disc and ellipse, true poses grey, sensor's path dotted, x and y in m"
+        _save(out, "fig12_disc_ellip", trajectories(others), title)
+        _save(out, "when_touch_helps", draw_panels(panels), "When touch helps: pushes of the rectangle")
 
 
-def keypoints(seen: Sequence[Shown]) -> Figure:
+def keypoints(seen: Mapping[str, Shown]) -> Figure:
     """Figure 5: key points on touch images over a contact, a row for each object."""
-    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
-    for row, (images, points) in zip(figure.subplots(len(seen), len(seen[0][0])), seen, strict=True):
-        for axes, image, point in zip(row, images, points, strict=True):
+    count = max(len(images) for images, _, _ in seen.values())
+    figure = Figure(figsize=(2.1 * count, 2.6 * len(seen) + 0.5), layout="constrained")
+    grid = figure.subplots(len(seen), count, squeeze=False)
+    for row, (name, (images, points, frames)) in zip(grid, seen.items(), strict=True):
+        for axes, image, point, frame in zip(row, images, points, frames, strict=True):
             height, width = image.shape[:2]
             axes.imshow(np.clip(0.5 + 0.3 * image.astype(np.float32), 0.0, 1.0), aspect=4 / 3 * width / height)
-            axes.plot(*(0.5 * (point + 1.0) * (width, height) - 0.5), "o", color="blue", markersize=5)
-            axes.set_axis_off()
+            column, row_of_image = (0.5 * (point.reshape(-1, 2) + 1.0) * (width, height) - 0.5).T
+            axes.plot(column, row_of_image, "o", color="blue", markersize=5, label="key points")
+            axes.set_title(f"{name.split('-')[0]}, frame {frame}", fontsize=8)
+            axes.set_xlabel("column [px]", fontsize=7)
+            axes.set_ylabel("row [px]", fontsize=7)
+            axes.tick_params(labelsize=6)
+            axes.grid(visible=False)
     return figure
 
 
 def trajectories(tracks: Tracks) -> Figure:
     """Figures 10 to 12: true (grey) and estimated object poses over time, a row a sequence and a column a mode."""
-    figure = Figure(figsize=(11.0, 2.2 * len(tracks)), layout="constrained")
+    figure = Figure(figsize=(11.0, 2.2 * len(tracks) + 0.4), layout="constrained")
     modes = len(next(iter(tracks.values()))[1])
     grid = figure.subplots(len(tracks), modes, squeeze=False)
     for row, (name, (recording, trials)) in zip(grid, tracks.items(), strict=True):
@@ -56,6 +81,16 @@ def trajectories(tracks: Tracks) -> Figure:
             _draw_poses(axes, recording, trial)
             axes.set_title(f"{name.removesuffix('.mcap')}, {trial.method}", fontsize=7)
     return figure
+
+
+def _save(out: Path, name: str, figure: Figure, title: str) -> None:
+    """Write a figure as PNG, with a title and, where its first axes have labels, a legend."""
+    figure.suptitle(title, fontsize=11)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    with whole_file(out / f"{name}.png", overwrite=True) as part:
+        figure.savefig(part, format="png", dpi=110)
 
 
 def _draw_poses(axes: Axes, recording: Recording, trial: Trial) -> None:

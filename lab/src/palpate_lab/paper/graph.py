@@ -8,6 +8,7 @@ episode has a graph, which starts from the marginal of the last one: between epi
 import logging
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import gtsam
@@ -23,8 +24,23 @@ _log = logging.getLogger(__name__)
 Indices = NDArray[np.int_]
 BACK = np.arange(10, 40)
 """Frames between the two of a tactile factor, as in the authors' code (paper: a subset of the training window)."""
+FRICTION_RADIUS = {"disc": 0.088 / 3.0, "rect": 0.2842, "ellip": 0.2033}
+"""Largest torque over largest force c of each object [m], as the authors have it (Eq. 7).
+
+For the rectangle it is the whole diagonal, twice what pressure at the corners alone gives.
+"""
 CAPTURE = (1e-4, 1e-4, 2.6e-3)
 """Standard deviations of a measured pose [m, m, rad], as simulated: of Eq. 12 and of the first object pose."""
+
+
+@dataclass(frozen=True)
+class PhysicsNoise:
+    """Standard deviations of the factors of physics; the authors have 1e-3 each and 1e-2."""
+
+    quasi_static: tuple[float, float, float]
+    """Of Eq. 8: two of the contact point's step [m], one of the torque's balance [m^2]."""
+    contact: float
+    """Of Eq. 11, the gap between tip and outline [m]."""
 
 
 def contact_point(model: ContactModel, g: Array) -> tuple[Array, Array]:
@@ -73,13 +89,35 @@ def tactile_error(earlier: Indices, later: Indices, error: Array) -> float:
     return float((covariance @ rows[:, 1:].T @ error)[-1] / np.sqrt(covariance[-1, -1]))
 
 
+def physics_errors(model: ContactModel, object_pose: Array, sensor_pose: Array) -> Array:
+    """Return the errors (4,) of Eqs. 8 and 11 over a contact episode, in units of an even error of one frame.
+
+    Errors last, so their sum over the episode counts: with deviations of this size the graph is as uncertain after it
+    as it is wrong. Poses (N, 3) are true ones.
+    """
+    relative = se2.between(object_pose, sensor_pose)
+    steps = np.stack((relative[:-1], sensor_pose[:-1], relative[1:], sensor_pose[1:]), axis=1)
+    moved = quasi_static_residual(model, steps)
+    gap = contact_point(model, relative)[0]
+    return np.append(moved.sum(axis=0) / np.sqrt(len(moved)), gap.sum() / np.sqrt(len(gap)))
+
+
+def physics_noise(errors: Array) -> PhysicsNoise:
+    """Return the noise that errors of episodes (E, 4) show, by their medians: a few contacts slide."""
+    *moved, gap = (1.4826 * np.median(np.abs(errors), axis=0)).tolist()
+    return PhysicsNoise(tuple(moved), gap)
+
+
 class Tracker:
     """Online estimate of the object pose over contact episodes."""
 
-    def __init__(self, model: ContactModel, first_pose: Array) -> None:
+    def __init__(
+        self, model: ContactModel, noise: PhysicsNoise, first_pose: Array, first_sigma: Sequence[float]
+    ) -> None:
         self._model = model
+        self._noise = noise
         self.pose = first_pose
-        self.covariance = np.diag(np.square(CAPTURE))
+        self.covariance = np.diag(np.square(first_sigma))
         self.steps = 0
         """Frames in the graph of this episode; 0 begins one, for which the object rests where it was estimated."""
         self._isam = gtsam.ISAM2()
@@ -101,14 +139,12 @@ class Tracker:
         else:
             guess = _array(self._isam.calculateEstimatePose2(G(t - 1)))  # as if the contact sticks
             keys = [G(t - 1), E(t - 1), G(t), E(t)]
-            # By errors summed over contacts that stick [m, m, m^2 over the unit of length]; the authors have 1e-3.
-            sigmas = (8e-5, 8e-5, 2.7e-5)
-            graph.push_back(_factor(keys, partial(quasi_static_residual, self._model), sigmas))
+            moved = partial(quasi_static_residual, self._model)
+            graph.push_back(_factor(keys, moved, self._noise.quasi_static))
         values.insert(G(t), gtsam.Pose2(*guess))
         values.insert(E(t), gtsam.Pose2(*sensor_pose))
         graph.push_back(gtsam.PriorFactorPose2(E(t), gtsam.Pose2(*sensor_pose), _sigmas(CAPTURE)))  # Eq. 12
-        sigmas = (8e-3,)  # [m], by errors summed over contacts that stick; the authors have 1e-2
-        graph.push_back(_factor([G(t)], partial(contact_residual, self._model), sigmas))
+        graph.push_back(_factor([G(t)], partial(contact_residual, self._model), (self._noise.contact,)))
         for back, turn in turns:
             if back <= t:
                 measured = gtsam.Pose2(0.0, 0.0, turn)
@@ -131,17 +167,20 @@ class Tracker:
 
 def track_episodes(
     model: ContactModel,
+    noise: PhysicsNoise,
     sensor_pose: Array,
     episode: Indices,
     turns: dict[int, list[tuple[int, float]]],
     first_pose: Array,
     sigma: float,
+    first_sigma: Sequence[float] = CAPTURE,
 ) -> tuple[Array, Array, Array]:
-    """Track a sequence of N frames; `turns` has the tactile measurements by frame, `sigma` their deviation [rad].
+    """Track a sequence of N frames; `turns` has the tactile measurements by frame, `sigma` their deviation [rad],
+    and `first_sigma` is that of the first pose [m, m, rad].
 
     Return poses (N, 3), covariances (N, 3, 3) and the time of each step (N,) [ms].
     """
-    tracker = Tracker(model, first_pose)
+    tracker = Tracker(model, noise, first_pose, first_sigma)
     poses = []
     covariances = []
     step_ms = []
@@ -192,7 +231,7 @@ def _factor(keys: Sequence[int], residual: object, sigmas: Sequence[float]) -> g
 
 def _isam2() -> gtsam.ISAM2:
     parameters = gtsam.ISAM2Params()
-    parameters.setRelinearizeThreshold(1e-3)  # [m, rad]; the authors' 0.01 is far too coarse for touch
+    parameters.setRelinearizeThreshold(0.01)  # [m, rad], as the authors have it
     parameters.relinearizeSkip = 1
     return gtsam.ISAM2(parameters)
 

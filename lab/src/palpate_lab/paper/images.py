@@ -31,6 +31,8 @@ class Images:
     """Engineered features (N, 6); NaN where no patch is found."""
     relative: Array
     """Sensor pose in the object frame, g = o^-1 e, (N, 3) [m, m, rad]."""
+    sensor_pose: Array
+    """Sensor pose in the world, e, (N, 3) [m, m, rad]."""
     contact_class: Indices
     """Index in CLASSES, (N,)."""
     episode: Indices
@@ -73,6 +75,7 @@ def read_images(recording: Recording) -> Images:
         np.array([difference(each, mean) for each in images], np.float16).reshape(-1, *mean.shape),
         np.array([ellipse_features(each, background) for each in images]).reshape(-1, 6),
         relative,
+        np.asarray(recording.sensor_pose)[frame],
         np.array([_CLASS_OF[KINDS[each]] for each in kind], int),
         episode[frame],
         frame,

@@ -3,144 +3,200 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
-from functools import lru_cache, partial
+from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from torch import nn
 
+import palpate
+import palpate_lab
 from palpate.arrays import Array
 from palpate.errors import EstimationError, FileError
 from palpate.files import read_json, whole_file, write_json
-from palpate.geometry.shapes import Disc
+from palpate.geometry import se2
 from palpate.io import load_recording
 from palpate.io.outlines import load_shape
-from palpate.models.pushing.contact_geometry import contact_model
-from palpate.pipeline.metrics import summarise
-from palpate.pipeline.track import Run
-from palpate.types.estimate import Trajectory
+from palpate.types.sensor import DIGIT
 from palpate_lab.paper import figures
-from palpate_lab.paper.features import KeypointNetwork, keypoints_of, learn_keypoints
-from palpate_lab.paper.graph import CAPTURE, compared_frames, tactile_error, track_episodes
-from palpate_lab.paper.images import Images, draw_pairs, episode_numbers, joined, read_images, turn_between
-from palpate_lab.paper.transform_network import Pairs, expanded, fit_all, fit_linear, validation_loss
+from palpate_lab.paper.features import keypoints_of, learn_keypoints, learn_turns, load_features, started
+from palpate_lab.paper.graph import physics_errors, physics_noise
+from palpate_lab.paper.helps import Panel, panels_of, traits
+from palpate_lab.paper.images import Images, draw_pairs, joined, read_images, turn_between
+from palpate_lab.paper.published import TABLE2
+from palpate_lab.paper.pushes import LEFT_OUT, PUSHES, SIDE
+from palpate_lab.paper.scores import tracking_scores, turning
+from palpate_lab.paper.touch import deviations_of, write_turns
+from palpate_lab.paper.tracking import FRICTION_FACTORS, MODES, WAYS, physics_key, pushed, tracked
+from palpate_lab.paper.transform_network import Pairs, fit_all, fit_linear, validation_loss
 from palpate_lab.parallel import spread
-from palpate_lab.simulate.recordings import fill_folder, plan
-from palpate_lab.study.figures import write_figures
+from palpate_lab.simulate.recordings import Simulation, fill_folder, plan
 from palpate_lab.study.recordings import find_recordings
-from palpate_lab.study.results import ALL, table
-from palpate_lab.study.study import StudySettings, Trial, run_study, track_file
+from palpate_lab.study.study import StudySettings, Trial, run_study
 from palpate_lab.train.fit import FitSettings
 
-Indices = NDArray[np.int_]
 Bar = Callable[[str, int], AbstractContextManager[Callable[..., None]]]
 
 SHAPES = {"disc": "disc", "rect": "rectangle", "ellip": "ellipse"}
 """The paper's objects and palpate's names of their outlines."""
-MODES = ("none", "const", "learnt", "oracle", "palpate")
-TACTILE = MODES[1:4]
 
 
 @dataclass(frozen=True)
 class PaperSettings:
     """Size of the study."""
 
-    train: int = 24
-    """Sequences of each object to learn from, a quarter of them for validation."""
-    test: int = 3
-    """Sequences of each object to track; the paper has 50."""
-    seconds: float = 10.0
+    train: int = 12
+    """Sequences of each object to learn from, a third of them for validation."""
+    rectangles: int = 30
+    """Sequences of the rectangle to track; the paper has 50 of each object."""
+    others: int = 3
+    """Sequences of the disc, and of the ellipse, to track."""
+    swept: int = 4
+    """Sequences of the rectangle that are tracked with other friction radii and first poses as well."""
+    seconds: float = 8.0
     """Length of a training sequence [s]."""
-    steps: int = 400
+    steps: int = 80
     """Steps of the auto-encoder's descent."""
+    turn_steps: int = 240
+    """Steps of the encoder's descent by the loss of the transform prediction."""
     pairs: int = 20_000
     """Pairs that the transform networks are fitted to, and as many to validate."""
+    limit_surface: float = 1.0
+    """Factor on the authors' friction radii c (Eq. 7), `graph.FRICTION_RADIUS`."""
+    features: str = ""
+    """Network of features of one's own, "FILE:Class"; empty for the paper's."""
     seed: int = 0
     """Seed of recordings, the sensor, weights and pairs."""
 
 
-FULL = PaperSettings(train=40, test=50, seconds=15.0, steps=2000, pairs=100_000)
+FULL = PaperSettings(
+    train=40, rectangles=50, others=50, swept=50, seconds=15.0, steps=2000, turn_steps=2000, pairs=100_000
+)
 """As many sequences as the paper has."""
-SMALL = PaperSettings(train=4, test=1, seconds=5.0, steps=100, pairs=2000)
+SMALL = PaperSettings(train=3, rectangles=2, others=1, swept=1, seconds=5.0, steps=40, turn_steps=40, pairs=2000)
 """Enough to see every part and figure."""
 
 
 def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: str | None = None) -> dict[str, Any]:
-    """Run the study in a folder, keeping finished parts, and return `table2` and `tracking`.
+    """Run the study in a folder, keeping finished parts, and return the content of its `results.json`.
 
-    Raises FileError if the folder holds a study of another size.
+    Raises FileError if the folder holds a study of another size, or one that other code made.
     """
     _check_settings(out, settings)
     _simulate(out, settings, bar, workers, dask)
     if not (out / "models.json").exists():
         _learn(out, settings, bar, workers, dask)
     files = find_recordings(out / "test")
-    track_by = partial(_tracked, out=out.resolve())
-    with bar("tracking", len(files) * len(MODES)) as progress:
-        study = run_study(files, out / "tracks", StudySettings(MODES), workers, dask, True, progress, track_by)
-    for (name, mode), reason in study.failed.items():
-        raise EstimationError(f"{out / 'test' / name}: cannot be tracked by {mode}: {reason}")
+    _feel(out, settings, files, bar, workers, dask)
+    rectangles = [name for name in files if name.startswith("rect")]
+    swept = {name: files[name] for name in rectangles[: settings.swept]}
+    trials = _track(out, "tracks", files, MODES, bar, workers, dask)
+    others = tuple(name for name in WAYS if name not in MODES)
+    in_other_ways = _track(out, "sweep", swept, others, bar, workers, dask)
     models = read_json(out / "models.json")
-    rows = table(study.trials, MODES)[ALL]
+    panels = panels_of(trials, in_other_ways, {name: traits(path) for name, path in files.items()})
     results = {
+        "published_table2": TABLE2,
         "table2": models["table2"],
-        "tracking": {
-            mode: {
-                "final_translation_mm": row["final_mm"]["median"],
-                "final_rotation_deg": row["final_deg"]["median"],
-                "lost": row["lost"],
-                "in_95_share": row["inside_95"],
-            }
-            for mode, row in rows.items()
-        },
-        "deviations": models["deviations"],
+        "pushes": turning([path for part in ("train", "test") for path in find_recordings(out / part).values()]),
+        "tracking": tracking_scores(trials, MODES),
+        "sweep": tracking_scores(in_other_ways, others)["rect"],
+        "when_touch_helps": panels,
+        **{key: models[key] for key in ("deviations", "physics", "held_out_loss")},
         "settings": asdict(settings),
-        "sequences": len(files),
+        "sequences": {name: sum(file.startswith(name) for file in files) for name in SHAPES},
     }
     write_json(out / "results.json", results)
     with bar("figures", 1) as progress:
-        write_figures(out, study.trials)
-        _draw(out, files, study.trials)
+        _draw(out, settings, files, trials, panels)
         progress(1)
     return results
 
 
+def code_hash() -> str:
+    """Return a hash of the code that a study depends on, all of palpate's and the lab's."""
+    digest = sha256()
+    for package in (palpate, palpate_lab):
+        folder = Path(str(package.__file__)).parent
+        for path in sorted(folder.rglob("*.py")):
+            digest.update(path.relative_to(folder).as_posix().encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
 def _check_settings(out: Path, settings: PaperSettings) -> None:
-    """Write the settings to the study's folder, or check that those in it are the same."""
+    """Write the settings to the study's folder, or check that those in it are the same and of the same code."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / "settings.json"
+    now = asdict(settings) | {"code": code_hash()}
+    if settings.features:
+        file = settings.features.rpartition(":")[0]
+        load_features(settings.features)
+        now["features_hash"] = sha256(Path(file).read_bytes()).hexdigest()[:12]
     if path.exists():
         earlier = read_json(path)
-        if earlier != asdict(settings):
+        if {**earlier, "code": now["code"]} == now and earlier != now:
+            made = f"made by other code ({earlier.get('code')}, now {now['code']})"
+            raise FileError(f"{out}: holds a study {made}; take another folder")
+        if earlier != now:
             raise FileError(f"{out}: holds a study with settings {earlier}; take another folder")
-    write_json(path, asdict(settings))
+    write_json(path, now)
 
 
 def _simulate(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str | None) -> None:
     """Simulate the sequences to learn from and those to track, all with one sensor, as the paper has one DIGIT."""
-    shapes = {name: load_shape(outline) for name, outline in SHAPES.items()}
-    for name, count, seconds, seed in (
-        ("train", settings.train, settings.seconds, 2 * settings.seed + 1),
-        ("test", settings.test, 15.0, 2 * settings.seed + 2),
+    tracked_counts = {"disc": settings.others, "rect": settings.rectangles, "ellip": settings.others}
+    for part, counts, seconds, seed in (
+        ("train", dict.fromkeys(SHAPES, settings.train), settings.seconds, 2 * settings.seed + 1),
+        ("test", tracked_counts, 15.0, 2 * settings.seed + 2),
     ):
-        simulations = plan(shapes, count, seed, seconds=seconds, ideal=True, unit=settings.seed)
-        with bar(f"simulating, {name}", len(simulations)) as progress:
-            fill_folder(out / name, simulations, workers=workers, dask=dask, resume=True, progress=progress)
+        simulations: dict[str, Simulation] = {}
+        for name, outline in SHAPES.items():
+            options = {"ideal": True, "unit": settings.seed, "pushes": PUSHES[name], "side": SIDE, "seconds": seconds}
+            simulations |= plan({name: load_shape(outline)}, counts[name], seed, LEFT_OUT, **options)
+        with bar(f"simulating, {part}", len(simulations)) as progress:
+            fill_folder(out / part, simulations, workers=workers, dask=dask, resume=True, progress=progress)
 
 
-def _draw(out: Path, files: Mapping[str, Path], trials: Sequence[Trial]) -> None:
-    """Draw some sequences of rectangles, and some of the others."""
+def _track(
+    out: Path,
+    name: str,
+    files: Mapping[str, Path],
+    ways: tuple[str, ...],
+    bar: Bar,
+    workers: int,
+    dask: str | None,
+) -> list[Trial]:
+    """Track sequences in ways, by their names, in a study of its own."""
+    track_by = partial(tracked, out=out.resolve())
+    with bar(f"tracking, {name}", len(files) * len(ways)) as progress:
+        study = run_study(files, out / name, StudySettings(ways), workers, dask, True, progress, track_by)
+    for (file, way), reason in study.failed.items():
+        raise EstimationError(f"{out / 'test' / file}: cannot be tracked by {way}: {reason}")
+    return study.trials
+
+
+def _draw(
+    out: Path,
+    settings: PaperSettings,
+    files: Mapping[str, Path],
+    trials: Sequence[Trial],
+    panels: Mapping[str, Mapping[str, Panel]],
+) -> None:
+    """Draw the figures."""
     rectangles = [name for name in files if name.startswith("rect")]
     others = [name for name in files if not name.startswith("rect")]
-    network, _ = _models(out)
-    seen = []
+    network, _ = _models(out, settings)
+    seen = {}
     for name in (rectangles[0], others[0], others[-1]):
         images = read_images(load_recording(files[name]))
         shown = np.linspace(0, len(images.frame) - 1, 6).astype(int)
-        seen.append((images.difference[shown], keypoints_of(network, images)[0][shown]))
-    figures.draw(out, seen, _tracks(files, rectangles, trials), _tracks(files, others, trials))
+        seen[name] = (images.difference[shown], keypoints_of(network, images)[0][shown], images.frame[shown])
+    tracks = (_tracks(files, rectangles, trials), _tracks(files, others, trials))
+    figures.draw(out, seen, *tracks, trials, panels)
 
 
 def _tracks(files: Mapping[str, Path], names: Sequence[str], trials: Sequence[Trial]) -> figures.Tracks:
@@ -161,24 +217,65 @@ def _learn(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str
         for name, images in spread(_read, files, workers, dask):
             parts[name] = images
             progress(len(parts))
+    for_training, validation = _split(parts)
+    network = _network(settings)
+    combined = for_training["combined"], validation["combined"]
+    held_out: dict[str, list[str]] = {}
+    for name, learn, steps in (
+        ("key points", learn_keypoints, settings.steps),
+        ("turns", learn_turns, settings.turn_steps),
+    ):
+        noted: list[str] = []
+        with bar(name, steps) as progress:
+            note = partial(_note, noted, progress)
+            fit_settings = FitSettings(steps=steps, rate=5e-4, check=max(steps // 10, 1))
+            learn(network, *combined, fit_settings, settings.seed, out, note)
+        held_out[name] = noted
+    losses, weights = _fit_transforms(network, for_training, validation, settings, bar)
+    with whole_file(out / "model.pt", overwrite=True) as part:
+        torch.save({"network": network.state_dict(), "weights": torch.from_numpy(weights)}, part)
+    learnt = {
+        "table2": losses,
+        "deviations": deviations_of(network, weights, validation["combined"]),
+        "physics": _physics(for_training, settings.limit_surface),
+        "limit_surface": settings.limit_surface,
+        "held_out_loss": held_out,
+    }
+    write_json(out / "models.json", learnt)
+
+
+def _note(noted: list[str], progress: Callable[..., None], step: int, losses: str) -> None:
+    """Keep the held-out losses of a descent, and show them."""
+    noted.append(f"{step}: {losses}")
+    progress(step, losses)
+
+
+def _split(parts: Mapping[str, Images]) -> tuple[dict[str, Images], dict[str, Images]]:
+    """Return images for training and for validation by object, and of all objects as "combined"."""
     for_training: dict[str, Images] = {}
     validation: dict[str, Images] = {}
     for name in SHAPES:
-        # Every fourth recording of an object validates; its kinds of contact take turns.
+        # Every third recording of an object validates; its kinds of contact follow each other by name.
         of_object = [parts[recording] for recording in sorted(parts) if recording.startswith(name)]
-        for_training[name] = joined([images for k, images in enumerate(of_object) if k % 4 != 3])
-        validation[name] = joined(of_object[3::4])
+        for_training[name] = joined([images for k, images in enumerate(of_object) if k % 3 != 2])
+        validation[name] = joined(of_object[2::3])
     for split in (for_training, validation):
         split["combined"] = joined([split[name] for name in SHAPES])
-    fit_settings = FitSettings(steps=settings.steps, check=max(settings.steps // 10, 1))
-    with bar("key points", settings.steps) as progress:
-        network = learn_keypoints(
-            for_training["combined"], validation["combined"], fit_settings, settings.seed, out, progress
-        )
+    return for_training, validation
+
+
+def _fit_transforms(
+    network: nn.Module,
+    for_training: Mapping[str, Images],
+    validation: Mapping[str, Images],
+    settings: PaperSettings,
+    bar: Bar,
+) -> tuple[dict[str, dict[str, float]], Array]:
+    """Return the losses of Table II by model and data set, and the linear weights for all objects."""
     losses: dict[str, dict[str, float]] = {}
-    with bar("transform networks", 4) as progress:
-        weights = np.empty(0)
-        for done, name in enumerate((*SHAPES, "combined"), 1):
+    weights = np.empty(0)
+    with bar("transform networks", len(for_training)) as progress:
+        for done, name in enumerate(for_training, 1):
             engineered, learnt, sine = _pairs(network, for_training[name], settings.pairs, settings.seed)
             models = fit_all(engineered, learnt, sine, settings.seed)
             weights = fit_linear(learnt, sine)  # the last are of all objects
@@ -187,10 +284,23 @@ def _learn(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str
                 pairs = engineered if features == "engineered" else learnt
                 losses.setdefault(model, {})[name] = validation_loss(predict, pairs, sine)
             progress(done)
-    deviations = _tactile_sigmas(network, weights, validation["combined"])
-    with whole_file(out / "model.pt", overwrite=True) as part:
-        torch.save({"network": network.state_dict(), "weights": torch.from_numpy(weights)}, part)
-    write_json(out / "models.json", {"table2": losses, "deviations": deviations})
+    return losses, weights
+
+
+def _physics(for_training: Mapping[str, Images], scale: float) -> dict[str, Any]:
+    """Return the noise of physics for each friction radius of the sweep and the authors', from true poses."""
+    noise = {}
+    for friction in (None, *FRICTION_FACTORS):
+        errors = []
+        for name, outline in SHAPES.items():
+            model = pushed(load_shape(outline), DIGIT, name, friction, scale)
+            images = for_training[name]
+            truth = se2.compose(images.sensor_pose, se2.inverse(images.relative))
+            for number in np.unique(images.episode):
+                of_episode = images.episode == number
+                errors.append(physics_errors(model, truth[of_episode], images.sensor_pose[of_episode]))
+        noise[physics_key(friction)] = asdict(physics_noise(np.array(errors)))
+    return noise
 
 
 def _read(path: Path) -> tuple[str, Images]:
@@ -198,7 +308,7 @@ def _read(path: Path) -> tuple[str, Images]:
     return path.stem, read_images(load_recording(path))
 
 
-def _pairs(network: KeypointNetwork, images: Images, count: int, seed: int) -> tuple[Pairs, Pairs, Array]:
+def _pairs(network: nn.Module, images: Images, count: int, seed: int) -> tuple[Pairs, Pairs, Array]:
     """Return pairs with engineered features, with learnt ones, and the sines of their true turns."""
     earlier, later = draw_pairs(images, count, np.random.default_rng(seed))
     points, classes = keypoints_of(network, images)
@@ -210,78 +320,32 @@ def _pairs(network: KeypointNetwork, images: Images, count: int, seed: int) -> t
     return (ellipse[earlier], ellipse[later], class_vector), (points[earlier], points[later], class_vector), sine
 
 
-def _turns(network: KeypointNetwork, weights: Array, images: Images) -> tuple[Indices, Indices, dict[str, Array]]:
-    """Return the pairs of images that the graph compares, (P,) each, and their turns (P,) [rad] by kind of touch."""
-    first = np.searchsorted(images.episode, images.episode).tolist()
-    pairs = [(k - back, k) for k in range(len(images.frame)) for back in compared_frames(k - first[k])]
-    earlier, later = np.array(pairs, int).reshape(-1, 2).T
-    points, classes = keypoints_of(network, images)
-    sine = expanded((points[earlier], points[later], 0.5 * (classes[earlier] + classes[later]))) @ weights
-    turns = {
-        "const": np.zeros(len(pairs)),
-        "learnt": np.arcsin(np.clip(sine, -1.0, 1.0)),
-        "oracle": turn_between(images, earlier, later),
-    }
-    return earlier, later, turns
+def _feel(
+    out: Path, settings: PaperSettings, files: Mapping[str, Path], bar: Bar, workers: int, dask: str | None
+) -> None:
+    """Write what touch measures in each sequence to track."""
+    (out / "touch").mkdir(exist_ok=True)
+    missing = [path for path in files.values() if not (out / "touch" / f"{path.stem}.npz").exists()]
+    with bar("touch", len(missing)) as progress:
+        felt = spread(partial(_felt, out=out.resolve(), settings=settings), missing, workers, dask)
+        for done, _ in enumerate(felt, 1):
+            progress(done)
 
 
-def _tactile_sigmas(network: KeypointNetwork, weights: Array, images: Images) -> dict[str, float]:
-    """Return the standard deviation of a tactile factor [rad] by kind of touch, from episodes not trained on.
-
-    With it the turn over an episode, from these factors alone, is as uncertain as it is wrong.
-    """
-    earlier, later, turns = _turns(network, weights, images)
-    first = np.searchsorted(images.episode, images.episode)[later]
-    episode = images.episode[later]
-    sigmas = {"oracle": 1e-3}
-    for mode in ("const", "learnt"):
-        error = turns[mode] - turns["oracle"]
-        ratios = []
-        for number in np.unique(episode):
-            k = episode == number
-            ratios.append(tactile_error((earlier - first)[k], (later - first)[k], error[k]))
-        # The median of the absolute ratios of a Gaussian is 1 / 1.4826; most contacts stick, as in training.
-        sigmas[mode] = float(1.4826 * np.median(np.abs(ratios)))
-    return sigmas
+def _felt(path: Path, out: Path, settings: PaperSettings) -> None:
+    torch.set_num_threads(1)
+    write_turns(out / "touch" / f"{path.stem}.npz", *_models(out, settings), read_images(load_recording(path)))
 
 
-def _models(out: Path) -> tuple[KeypointNetwork, Array]:
-    """Return the trained auto-encoder, and the weights of the linear transform network."""
+def _network(settings: PaperSettings) -> nn.Module:
+    """Return the network of features before it has learnt, with weights drawn from the seed."""
+    torch.manual_seed(settings.seed)
+    return load_features(settings.features) if settings.features else started()
+
+
+def _models(out: Path, settings: PaperSettings) -> tuple[nn.Module, Array]:
+    """Return the trained network of features, and the weights of the linear transform network."""
     saved = torch.load(out / "model.pt", weights_only=True)
-    network = KeypointNetwork()
+    network = _network(settings)
     network.load_state_dict(saved["network"])
     return network, saved["weights"].numpy()
-
-
-@lru_cache(maxsize=1)
-def _felt(path: Path, out: Path) -> dict[str, dict[int, list[tuple[int, float]]]]:
-    """Return the tactile measurements of a sequence by mode and frame: turns [rad] since so many frames ago."""
-    torch.set_num_threads(1)
-    images = read_images(load_recording(path))
-    earlier, later, turns = _turns(*_models(out), images)
-    by_mode: dict[str, dict[int, list[tuple[int, float]]]] = {}
-    for mode, turn in turns.items():
-        by_frame: dict[int, list[tuple[int, float]]] = {}
-        for i, k, angle in zip(earlier.tolist(), later.tolist(), turn.tolist(), strict=True):
-            by_frame.setdefault(int(images.frame[k]), []).append((k - i, angle))
-        by_mode[mode] = by_frame
-    return by_mode
-
-
-def _tracked(path: Path, mode: str, settings: StudySettings, out: Path) -> Run:
-    """Track a sequence in a mode."""
-    if mode == "palpate":
-        return track_file(path, "learnt", settings)
-    recording = load_recording(path)
-    sigma = read_json(out / "models.json")["deviations"].get(mode, 0.0)
-    truth = np.asarray(recording.object_pose)
-    episode = episode_numbers(np.asarray(recording.contact))
-    model = contact_model(recording.shape, recording.sensor)
-    turns = {} if mode == "none" else _felt(path, out)[mode]
-    pose, covariance, step_ms = track_episodes(model, recording.sensor_pose, episode, turns, truth[0], sigma)
-    status = ("tracking",) * len(recording)
-    reason = ("",) * len(recording)
-    online = Trajectory(recording.time, pose, covariance, episode >= 0, status, reason)
-    yaw_shows = not isinstance(recording.shape, Disc)
-    summary = summarise(online, truth, step_ms, center=recording.shape.centroid, yaw_shows=yaw_shows)
-    return Run(recording, settings.tracker, None, None, truth[0], np.array(CAPTURE), online, (), step_ms, summary)

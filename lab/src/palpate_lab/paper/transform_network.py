@@ -32,6 +32,11 @@ def reversed_pairs(pairs: Pairs) -> Pairs:
     return pairs[1], pairs[0], pairs[2]
 
 
+def without_class(pairs: Pairs) -> Pairs:
+    """Return the pairs as if all were of one class."""
+    return pairs[0], pairs[1], np.ones((len(pairs[0]), 1))
+
+
 def fit_linear(pairs: Pairs, sine: Array) -> Array:
     """Return the weights (2 F C + C,) of the linear network, by least squares over both orders."""
     inputs = np.concatenate([expanded(pairs), expanded(reversed_pairs(pairs))])
@@ -51,7 +56,7 @@ def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
     network = nn.Sequential(nn.Linear(inputs.shape[1], 32), nn.ReLU(), nn.Linear(32, 1))
     optimiser = torch.optim.Adam(network.parameters(), lr=1e-3)
     for _ in range(3000):
-        chosen = torch.from_numpy(rng.integers(len(inputs), size=1024))
+        chosen = torch.from_numpy(rng.integers(len(inputs), size=256))
         loss = nn.functional.mse_loss(network(inputs[chosen])[:, 0], wanted[chosen])
         optimiser.zero_grad()
         loss.backward()
@@ -65,12 +70,14 @@ def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
 
 
 def fit_all(engineered: Pairs, learnt: Pairs, sine: Array, seed: int) -> dict[str, tuple[str, Predict]]:
-    """Return the five models of Table II by name, each with the features that it takes."""
+    """Return the five models of Table II by name, each with the features that it takes, and one without class label."""
     weights = {"engineered": fit_linear(engineered, sine), "learnt": fit_linear(learnt, sine)}
+    without = fit_linear(without_class(learnt), sine)
     return {
         "const": ("learnt", lambda pairs: np.zeros(len(pairs[0]))),  # the mean over both orders of all pairs
         "linear eng-feat": ("engineered", lambda pairs: expanded(pairs) @ weights["engineered"]),
         "linear learnt-feat": ("learnt", lambda pairs: expanded(pairs) @ weights["learnt"]),
+        "linear learnt-feat, no class": ("learnt", lambda pairs: expanded(without_class(pairs)) @ without),
         "nonlinear eng-feat": ("engineered", fit_nonlinear(engineered, sine, seed)),
         "nonlinear learnt-feat": ("learnt", fit_nonlinear(learnt, sine, seed)),
     }

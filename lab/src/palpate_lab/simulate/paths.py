@@ -12,6 +12,7 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Disc, Ellipse, Shape, sharp_corners
 from palpate.types.sensor import SensorProfile
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 
 TRIES = 1000
 """Draws of a place before giving up."""
@@ -36,18 +37,27 @@ def kinds(shape: Shape) -> tuple[str, ...]:
     return tuple(f"{name}-{place}" for place in ("edges", *corners))
 
 
-def draw_touch(shape: Shape, kind: str, sensor: SensorProfile, rng: np.random.Generator) -> Touch:
+def draw_touch(
+    shape: Shape,
+    kind: str,
+    sensor: SensorProfile,
+    rng: np.random.Generator,
+    settings: PushSettings = ROBOT,
+) -> Touch:
     """Draw a contact of one kind that the gel can reach; raises SettingError if none is found.
 
-    It begins within 12 degrees of a round gel's apex, and heads within 45 of the normal; within 5 and 25 for a flat
+    A round gel's begins near its apex and heads near the normal, as in the settings; within 5 and 25 degrees for a flat
     pad or a hand, whose middle is up to 30 % of its width off.
     """
-    yaw_limit, heading_limit = np.radians((5.0, 25.0) if sensor.width else (12.0, 45.0))
+    yaw_limit, heading_limit = np.radians((5.0, 25.0) if sensor.width else (settings.begins, settings.heading))
     for _ in range(TRIES):
         point, normal = draw_place(shape, kind, rng)
         inward = normal + np.pi
         yaw = inward - rng.uniform(-yaw_limit, yaw_limit)
         heading = inward + rng.uniform(-heading_limit, heading_limit)
+        arm = point - shape.centroid
+        if abs(np.sin(heading - np.arctan2(arm[1], arm[0]))) < settings.beside:
+            continue
         center = point + sensor.radius * unit_vector(normal)
         if sensor.width:
             center -= rng.uniform(-0.3, 0.3) * sensor.width * unit_vector(yaw + 0.5 * np.pi)

@@ -3,6 +3,9 @@
 A sequence is steered like a robot by a person who sees the object; each contact is drawn for the object's present pose.
 
 - Two to three contacts in 15 s, as in the paper. Between them the sensor goes round the object, clear of it.
+
+Ranges are those of `PushSettings`, by default of a robot:
+
 - Place: uniform along the outline of a disc, an ellipse or the edges. The contact patch on a DIGIT is about 5 mm to
   either side of its middle, so a corner shows up to 8 mm from it and not from 15 mm on: "near-corners" and "edges".
 - Direction: up to 45 degrees off the normal. The object yields sideways by turning, so some contacts stick and some
@@ -26,6 +29,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 from palpate.types.sensor import SensorProfile
 from palpate_lab.simulate.paths import TRIES, Surroundings, Touch, draw_place, draw_touch, kinds, unit_vector
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 from palpate_lab.simulate.scene import draw_settings
 from palpate_lab.simulate.world import Motion, Shove, World, concatenated
 
@@ -41,6 +45,7 @@ def draw_sequence(
     seconds: float = 15.0,
     knocks: np.random.Generator | None = None,
     gel_drift: tuple[float, float] = (0.0, 0.0),
+    pushes: PushSettings = ROBOT,
 ) -> Motion:
     """Draw a world and a sequence of pushes in it, at the sensor's rate; the same generator gives the same.
 
@@ -49,14 +54,14 @@ def draw_sequence(
     """
     if kind not in kinds(shape):
         raise SettingError(f"kind of contact is {kind!r}; a {type(shape).__name__.lower()} allows {kinds(shape)}")
-    settings = replace(draw_settings(shape, rng), gel_drift=gel_drift)
+    settings = replace(draw_settings(shape, rng, pushes), gel_drift=gel_drift)
     object_pose = rng.uniform((-0.1, -0.1, -np.pi), (0.1, 0.1, np.pi))
     contacts = max(1, round(seconds / rng.uniform(5.0, 7.5)))
     around = Surroundings(shape, sensor)
-    touch = draw_touch(shape, kind, sensor, rng)
+    touch = draw_touch(shape, kind, sensor, rng, pushes)
     world = World(settings, shape, sensor, object_pose, around.start(touch, object_pose))
     hand = _Knocks(shape, sensor, knocks)
-    robot = _Robot(world, sensor, round(seconds * sensor.rate), hand, rng)
+    robot = _Robot(world, sensor, round(seconds * sensor.rate), hand, rng, pushes)
     again = _AGAIN * sensor.rate
     while contacts:
         share = robot.left / contacts * (rng.uniform(0.85, 1.15) if contacts > 1 else 1.0)
@@ -69,7 +74,7 @@ def draw_sequence(
         if contacts:
             if robot.left > (_AGAIN + _PAUSE) * sensor.rate and hand.in_pause(world):
                 robot.go(np.tile(world.sensor_pose, (round(_PAUSE * sensor.rate), 1)))
-            touch = draw_touch(shape, kind, sensor, rng)
+            touch = draw_touch(shape, kind, sensor, rng, pushes)
             start = around.start(touch, world.object_pose)
             robot.go(around.travel(world.sensor_pose, start, world.object_pose))
     return concatenated(robot.motions)
@@ -156,7 +161,13 @@ class _Robot:
     """A robot that moves the sensor in a world until its frames are used up, and records the motion."""
 
     def __init__(
-        self, world: World, sensor: SensorProfile, frames: int, hand: _Knocks, rng: np.random.Generator
+        self,
+        world: World,
+        sensor: SensorProfile,
+        frames: int,
+        hand: _Knocks,
+        rng: np.random.Generator,
+        pushes: PushSettings,
     ) -> None:
         self.left = frames
         self.motions: list[Motion] = []
@@ -164,7 +175,8 @@ class _Robot:
         self._hand = hand
         self._rng = rng
         self._rate = sensor.rate
-        self._turn_after, self._pad_end = np.radians((5.0, 12.0) if sensor.width else (20.0, 30.0))
+        self._pushes = pushes
+        self._turn_after, self._pad_end = np.radians((5.0, 12.0) if sensor.width else (pushes.turns_after, pushes.ends))
 
     def go(self, path: Array) -> Motion:
         """Follow a path (N, 3), as far as frames are left."""
@@ -181,10 +193,14 @@ class _Robot:
         rng = self._rng
         rate = self._rate
         ramp = round(0.3 * self._rate)  # frames to start and to stop
-        speed = float(np.exp(rng.uniform(*np.log((0.010, 0.040)))))
-        curvature = rng.uniform(-5.0, 5.0) if rng.uniform() < 0.5 else 0.0  # [1/m]
+        speed = float(np.exp(rng.uniform(*np.log(self._pushes.speed))))
+        bend = self._pushes.curvature
+        curvature = rng.uniform(-bend, bend) if rng.uniform() < 0.5 else 0.0  # [1/m]
         turn = curvature * speed + rng.uniform(-0.1, 0.1)
-        heading = float(self._world.object_pose[2]) + touch.heading
+        follows = rng.uniform(*self._pushes.follows) if self._pushes.follows else 0.0
+        yaw = float(self._world.object_pose[2])
+        followed = 0.0
+        heading = yaw + touch.heading
         pose = self._world.sensor_pose
         end = frames
         step = 0
@@ -201,7 +217,11 @@ class _Robot:
             after = 2.0 * np.sign(angle) * max(abs(angle) - self._turn_after, 0.0)
             velocity = speed * unit_vector(heading)
             pose = pose + pace / rate * np.append(velocity, turn + after)
+            pose[2] += followed
             motion = self.go(pose[None])
+            before = yaw
+            yaw = float(self._world.object_pose[2])
+            followed = follows * se2.wrap(yaw - before)
             if motion.contact[0]:
                 touched = True
                 lost = 0

@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,8 +20,9 @@ from palpate.types.images import encode_image
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate_lab import required
 from palpate_lab.parallel import held_folder, spread
-from palpate_lab.simulate.gel import draw_side, render
+from palpate_lab.simulate.gel import Side, draw_side, render
 from palpate_lab.simulate.paths import kinds
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 from palpate_lab.simulate.pushes import draw_sequence, measured
 from palpate_lab.simulate.set_up_errors import Mark, draw_errors, with_errors, worn
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
@@ -65,6 +66,10 @@ class Simulation:
     """Nominal profile of the sensor."""
     marks: tuple[Mark, ...] | None = None
     """Marks that appear on the gel in place of those that are drawn with the other errors of a set-up."""
+    pushes: PushSettings = ROBOT
+    """Ranges that the pushes are drawn from."""
+    side: Side | None = None
+    """Side of the object that meets the pad; None draws one."""
 
     def __post_init__(self) -> None:
         check_not_negative(seed=self.seed, unit=self.unit)
@@ -89,6 +94,8 @@ class Simulation:
             + ("" if self.sensor == DIGIT else f", {self.sensor.name}")
             + ("" if self.ideal else f", with systematic errors{'' if self.unit is None else ' of the unit'}")
             + ("" if self.marks is None else f", marks {self.marks}")
+            + ("" if self.pushes == ROBOT else f", {self.pushes}")
+            + ("" if self.side is None else f", {self.side}")
         )
 
     def run(self, progress: Callable[[int], None] | None = None) -> Recording:
@@ -105,7 +112,7 @@ class Simulation:
         gel = replace(self.sensor, radius=unit.radius)
         hand = shoves if self.knocks else None
         drift = errors.gel_drift if errors else (0.0, 0.0)
-        motion = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift)
+        motion = draw_sequence(self.shape, self.kind, gel, pushes, self.seconds, hand, drift, self.pushes)
         time = np.arange(len(motion.contact)) / gel.rate
         units = worn(unit, errors, time) if errors else [unit] * len(time)
         images = self._touch_images(motion, units, camera, progress) if self.images else None
@@ -143,9 +150,12 @@ class Simulation:
     ) -> list[bytes]:
         """Return the encoded touch image of each frame, as the unit is at that frame."""
         images = []
-        side = draw_side(camera)
+        side = draw_side(camera) if self.side is None else self.side
         poses = se2.between(motion.object_pose, motion.sensor_pose)
-        for unit, *contact in zip(units, poses, motion.indentation, motion.tangential_force, strict=True):
+        depth = motion.indentation
+        if self.pushes.deep_as_pressed:
+            depth = np.maximum(depth, motion.normal_force / float(np.mean(self.pushes.gel_stiffness)))
+        for unit, *contact in zip(units, poses, depth, motion.tangential_force, strict=True):
             images.append(encode_image(render(unit, self.shape, *contact, rng=camera, side=side)))
             if progress:
                 progress(len(images))
@@ -165,10 +175,13 @@ def demo_recording(progress: Callable[[int], None] | None = None) -> Recording:
     return simulation.run(progress)
 
 
-def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any) -> dict[str, Simulation]:
+def plan(
+    shapes: Mapping[str, Shape], count: int, seed: int = 0, leave_out: Collection[str] = (), **options: Any
+) -> dict[str, Simulation]:
     """Return the recordings of a folder by file name: `count` of each named object, its kinds of contact in turn.
 
-    Options are further fields of `Simulation`. Raises SettingError on a value that is not allowed, and without MuJoCo.
+    `leave_out` are kinds of contact that are not made. Options are further fields of `Simulation`.
+    Raises SettingError on a value that is not allowed, and without MuJoCo.
     """
     if not 1 <= count <= COUNT:
         raise SettingError(f"count is {count}; allowed is 1 to {COUNT} recordings of each shape")
@@ -177,7 +190,7 @@ def plan(shapes: Mapping[str, Shape], count: int, seed: int = 0, **options: Any)
     simulations: dict[str, Simulation] = {}
     for number in range(seed * COUNT, seed * COUNT + count):
         for name, shape in shapes.items():
-            places = kinds(shape)
+            places = [kind for kind in kinds(shape) if kind not in leave_out]
             kind = places[number % COUNT % len(places)]
             _, *place = kind.split("-", 1)
             file = f"{'-'.join([name, *place])}-{number:06d}{SUFFIX}"

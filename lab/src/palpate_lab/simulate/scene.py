@@ -14,6 +14,7 @@ from palpate.errors import SettingError
 from palpate.geometry.shapes import Disc, Ellipse, Rectangle, Shape
 from palpate.types.sensor import SensorProfile
 from palpate_lab import required
+from palpate_lab.simulate.push_settings import ROBOT, PushSettings
 
 WARM_UP = 15.0
 """Time in which friction and stiffness of a gel drift [s]; then they stay."""
@@ -40,17 +41,18 @@ class WorldSettings:
     """Relative growth of friction and stiffness of the gel [1/s], for WARM_UP."""
 
 
-def draw_settings(shape: Shape, rng: np.random.Generator) -> WorldSettings:
+def draw_settings(shape: Shape, rng: np.random.Generator, pushes: PushSettings = ROBOT) -> WorldSettings:
     """Draw a world for one object: a block of wood or plastic on a table, and used, dusty elastomer.
 
-    The contact slips in some worlds and sticks in others. The gel gives 0.4 to 1 mm at 2.6 N, as a DIGIT's does.
+    As pushes are by default, the contact slips in some worlds and sticks in others, and the gel gives 0.4 to 1 mm at
+    2.6 N, as a DIGIT's does.
     """
     return WorldSettings(
         feet=_draw_feet(shape, rng),
         mass=rng.uniform(0.6, 1.0),
         table_friction=rng.uniform(0.25, 0.4),
-        gel_friction=rng.uniform(0.25, 0.6),
-        gel_stiffness=rng.uniform(2600.0, 6500.0),
+        gel_friction=rng.uniform(*pushes.gel_friction),
+        gel_stiffness=rng.uniform(*pushes.gel_stiffness),
     )
 
 

@@ -1,7 +1,7 @@
 """The figures of a study."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Quantity = Callable[[Trial], Array]
+"""A quantity (N,) of a trial over time."""
 Panels = list[tuple[list[Trial], list["Axes"]]]
 
 STYLE: Any = {"font.size": 9, "axes.titlesize": 10, "axes.grid": True, "grid.alpha": 0.25, "savefig.dpi": 110}
@@ -29,7 +31,7 @@ COLOURS = {
     "oracle": "#009E73",
     "palpate": "#D55E00",
 }
-OVER_TIME: dict[str, Callable[[Trial], Array]] = {
+OVER_TIME: dict[str, Quantity] = {
     "error [mm]": lambda trial: np.maximum(1e3 * translation_errors(trial.pose, trial.truth), 0.1),
     "error [deg]": lambda trial: np.maximum(np.degrees(np.abs(rotation_errors(trial.pose, trial.truth))), 0.05),
     "step [ms]": lambda trial: np.maximum(trial.step_ms, 0.1),
@@ -52,15 +54,15 @@ def write_figures(folder: Path, trials: Sequence[Trial]) -> None:
                 figure.savefig(part, format="png")
 
 
-def errors_over_time(trials: Sequence[Trial]) -> "Figure":
+def errors_over_time(trials: Sequence[Trial], quantities: Mapping[str, Quantity] = OVER_TIME) -> "Figure":
     """Draw errors and the time of a step over time; the paper's figures 6 and 8.
 
     Lines are medians over the sequences of a group, shaded is from the first to the third quartile. They begin at the
     first contact and end where fewer than half of the sequences go on.
     """
-    figure, panels = _grid(trials, len(OVER_TIME), sharey="row")
+    figure, panels = _grid(trials, len(quantities), sharey="row")
     for of_group, axes in panels:
-        for axis, (label, quantity) in zip(axes, OVER_TIME.items(), strict=True):
+        for axis, (label, quantity) in zip(axes, quantities.items(), strict=True):
             axis.set(xlabel="time since the start [s]", ylabel=label, yscale="log")
             for method, of_method in _by_method(of_group):
                 time, (low, middle, high) = _quartiles(of_method, quantity)
