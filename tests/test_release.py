@@ -121,7 +121,7 @@ def test_the_laboratory_works_without_its_extras(wheel, lab_wheel, tmp_path):
     done = run_without(modules_of_extras(lab_wheel), tmp_path, "simulate out", "train . --out out")
     assert done.stdout.splitlines()[-1] == "[2, 2]"
     simulate, train = done.stderr.splitlines()
-    assert simulate.endswith("pip install 'palpate-lab[sim]'") and train.endswith("pip install 'palpate-lab[train]'")
+    assert "pip install 'palpate-lab[sim]'" in simulate and "pip install 'palpate-lab[train]'" in train
 
 
 def modules_of_extras(wheel: Path) -> list[str]:

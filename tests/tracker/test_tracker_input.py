@@ -56,7 +56,7 @@ def test_an_outline_in_millimetres_is_asked_about():
     [
         ({"shape": "rectangle"}, "shape is 'rectangle'; it must be an outline, which palpate.load_shape reads"),
         ({"shape": np.zeros((4, 2))}, "shape is array"),
-        ({"sensor": "digits"}, "sensor is 'digits'; allowed are digit, gelsight-mini, point, or a SensorProfile"),
+        ({"sensor": "digits"}, "sensor is 'digits'; allowed are digit, gelsight-mini, point, "),
         ({"settings": "learnt"}, "settings is 'learnt'; it must be palpate.TrackerSettings"),
         ({"model": "folder"}, "model is 'folder'; it must be a palpate.TouchModel"),
         ({"calibration": Path("unit.npz")}, "calibration is 'unit.npz'; .* which palpate.load_calibration reads"),

@@ -68,7 +68,7 @@ def read(
     shown = {name: {"contact": reading.contact, "says": in_words(reading)} for name, reading in readings.items()}
     of_several = f" of the first {MOST}" if len(readings) > MOST else ""
     notes = [f"picture{of_several}: {picture}"] if readings else []
-    return Report("images", data, {"images": shown}, notes, code=3 if len(readings) < len(images) else 0)
+    return Report("images", data, {"images": shown}, notes=notes, code=3 if len(readings) < len(images) else 0)
 
 
 def about_reading(name: str, reading: "ImageReading", is_flat: bool) -> dict[str, Any]:
