@@ -113,8 +113,8 @@ class StickingSettings:
     """The same at the cone's edge. A slide goes on in one direction for many steps, so only a large value allows it."""
     expected_share: float = 0.15
     """Expected slide at the cone's edge, to the side of the force, as a share of the sensor's motion. Half of those in
-    simulation are by 0.23 to 0.59 of it. Simulated pushes are tracked better than with 0, and real ones, over eight
-    priors of friction, as well or better (docs/real_data.md)."""
+    simulation are by 0.23 to 0.59 of it. Simulated pushes are tracked better than with 0, and MIT's real ones, over
+    eight priors of friction, as well (docs/real_data.md)."""
     margin: float = 0.04
     """Distance of the force's direction from the cone's edge at which the contact begins to stick [rad]."""
     width: float = 0.03

@@ -133,11 +133,6 @@ def _listed(folder: Path, files: list[Path], table: Path, tables: TableChoices) 
     return [path for path, _ in kept], np.array([stamp for _, stamp in kept], np.int64)
 
 
-def _existing(folder: Path, name: str) -> Path | None:
-    """Return a file by its path from a folder, or by its name alone if it is there; else None."""
-    return next((path for path in (folder / name, folder / Path(name).name) if path.is_file()), None)
-
-
 def _counted(files: Sequence[Path]) -> Times:
     """Return the numbers of images from the first on (N,), by their names if these are counted, so that gaps count."""
     numbers = [re.findall(r"\d+", path.stem)[-1:] for path in files]
@@ -262,7 +257,7 @@ def about_folder(folder: Path) -> dict[str, Any]:
 
 
 def _tables_beside(folder: Path) -> dict[Path, str]:
-    """Return the content of each table in a folder of images or beside it, where it can be told."""
+    """Return the content in words of each table in a folder of images or beside it."""
     found: dict[Path, str] = {}
     for path in sorted([*folder.glob("[!.]*"), *folder.parent.glob("[!.]*")]):
         if path.suffix.lower() in (".csv", ".txt", ".tsv") and path.is_file():

@@ -30,7 +30,7 @@ class _Limits:
     farthest_offset: int = 10**9
     """[ns] Largest difference of a stamp from the others of its stream, each against its time of recording."""
     clock_step: float = 0.1
-    """[s] Step of a clock that is told; delays of messages vary by less."""
+    """[s] Smallest step of a clock that is reported; delays of messages vary by less."""
     block: int = 10
     """Messages of which the one that was least late tells the clock."""
 

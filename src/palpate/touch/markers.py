@@ -24,7 +24,7 @@ _GREY = np.array([0.299, 0.587, 0.114], np.float32)
 
 @dataclass(frozen=True)
 class MarkerSettings:
-    """Limits by which markers are told from other dark spots."""
+    """Limits that separate markers from other dark spots."""
 
     levels: float = 12.5
     """Levels [grey levels] by which markers are darker than the gel around them; with 8 real gels without any have

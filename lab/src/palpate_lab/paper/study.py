@@ -129,13 +129,13 @@ def code_hash() -> str:
 
 def _check_settings(out: Path, settings: PaperSettings) -> None:
     """Write the settings to the study's folder, or check that those in it are the same and of the same code."""
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / "settings.json"
     now = asdict(settings) | {"code": code_hash()}
     if settings.features:
         file = settings.features.rpartition(":")[0]
         load_features(settings.features)
         now["features_hash"] = sha256(Path(file).read_bytes()).hexdigest()[:12]
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "settings.json"
     if path.exists():
         earlier = read_json(path)
         if {**earlier, "code": now["code"]} == now and earlier != now:
