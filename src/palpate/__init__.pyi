@@ -29,6 +29,7 @@ from .tracker import Tracker as Tracker
 from .types.choices import BagChoices as BagChoices
 from .types.estimate import Estimate as Estimate
 from .types.estimate import Trajectory as Trajectory
+from .types.hand import Hand as Hand
 from .types.measurements import ContactCorner as ContactCorner
 from .types.measurements import ContactDirection as ContactDirection
 from .types.measurements import ContactPlace as ContactPlace

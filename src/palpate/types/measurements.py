@@ -1,7 +1,7 @@
 """One instant of a sensor, and measurements of object and sensor at it: by touch, a camera, or a source of your own."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import ClassVar
@@ -155,7 +155,7 @@ class Frame:
     """[s]"""
     sensor_pose: Array
     """world_T_sensor, (3,) [m, m, rad]; or in space, (7,) with a quaternion x, y, z, w, or (4, 4). `palpate.gel_pose`
-    computes it from the pose of a flange."""
+    computes it from the pose of a flange. Of a hand it is world_T_hand."""
     image: Image | None = None
     """Touch image, (height, width, 3), RGB."""
     contact: bool | None = None
@@ -164,6 +164,15 @@ class Frame:
     """world_T_object, (3,) [m, m, rad]: ground truth, used for scoring and by oracle touch only."""
     measurements: tuple[Measurement, ...] = ()
     """Measurements of this instant by other sources than touch, such as a camera's ObjectPose."""
+    images: Mapping[str, Image] | None = None
+    """Touch images of a hand's fingers by name, in place of `image`; a finger without a new image may be left out."""
+    contacts: Mapping[str, bool] | None = None
+    """Contact of a hand's fingers by name, in place of `contact`; a finger that is left out is unknown."""
+    finger_poses: Mapping[str, Array] | None = None
+    """world_T_finger of a hand's fingers by name, in the forms of `sensor_pose`, where fingers move in the hand: they
+    take the place of the mounts of `palpate.Hand` at this instant."""
+    image_times: Mapping[str, float] | None = None
+    """Time of images that were taken at another time than the frame's, by finger [s]."""
 
 
 def check_time(kind: str, time: object) -> None:
