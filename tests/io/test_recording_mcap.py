@@ -187,7 +187,7 @@ WHOLE = {"version": "1", "shape": '{"type": "disc", "radius": 0.05}', "sensor": 
 @pytest.mark.parametrize(
     ("about", "attachments", "words"),
     [
-        ({"version": "2"}, {}, "has version '2', this palpate reads version 1"),
+        ({"version": "3"}, {}, "has version '3', this palpate reads versions 1 and 2"),
         ({}, {}, "has version None"),
         (WHOLE, {"palpate/time.npy": b"no array"}, r"attachment or metadata palpate/time\.npy is damaged"),
         ({"version": "1"}, {}, "metadata shape: is not valid JSON"),

@@ -1,6 +1,6 @@
 """Recording: images and poses of a sensor, frame by frame; and contact flags from the gaps of its ground truth."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,11 @@ from palpate.config import FirstPoseSettings
 from palpate.errors import FileError, kept_warnings
 from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
+from palpate.io import fingers
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
 from palpate.io.time_order import in_order
 from palpate.types.choices import Normal, Placement
+from palpate.types.hand import Hand
 from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile
@@ -29,16 +31,16 @@ Images = Image | Sequence[Image | bytes | str | Path]
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """N frames of one sensor pushing one object; raises FileError on fields that do not fit together."""
+    """N frames of one sensor, or of a hand, pushing one object; raises FileError on fields that do not fit together."""
 
     time: Array
     """(N,) [s], strictly increasing"""
     sensor_pose: Array
-    """world_T_sensor, (N, 3) [m, m, rad]"""
+    """world_T_sensor, of a hand world_T_hand, (N, 3) [m, m, rad]"""
     shape: Shape
     """outline of the object, in the object frame"""
     sensor: SensorProfile
-    """size and form of the sensor's tip, its rate, and the height and width of its images"""
+    """size and form of the sensor's tip, its rate, and the height and width of its images; of a hand `hand.whole`"""
     object_pose: Array | None = None
     """world_T_object, (N, 3) [m, m, rad]: ground truth; a row is NaN where it is not known"""
     contact: Flags | None = None
@@ -63,11 +65,21 @@ class Recording:
     """warnings of its import, which `palpate info` and the summary of a run repeat"""
     file: Path | None = None
     """the file it was read from; errors name it"""
+    hand: Hand | None = None
+    """the hand, None for one sensor; its `image` is None, and what follows is by name of finger"""
+    images: Mapping[str, Sequence[bytes]] | None = None
+    """N encoded touch images of each finger, of no bytes in frames without a new one"""
+    contacts: Mapping[str, Flags] | None = None
+    """(N,) true while a finger touches the object; `contact` is true while any does"""
+    finger_poses: Mapping[str, Array] | None = None
+    """world_T_finger, (N, 3) [m, m, rad], of fingers that move in the hand, in place of their mounts"""
+    image_times: Mapping[str, Array] | None = None
+    """(N,) times [s] at which images were taken, where they are not those of the frames"""
 
     def __post_init__(self) -> None:
         if not isinstance(self.shape, Shape):
             raise FileError(f"shape: found {self.shape!r}, expected an outline, which palpate.load_shape reads")
-        self._settle("sensor", known_sensor(self.sensor))
+        self._settle("sensor", known_sensor(self.sensor) if self.hand is None else self.hand.whole)
         self._settle("time", checks.checked_times(self.time))
         n = len(self.time)
         self._settle("sensor_pose", checks.checked_poses("sensor_pose", self.sensor_pose, n))
@@ -75,11 +87,12 @@ class Recording:
             self._settle("object_pose", checks.checked_poses("object_pose", self.object_pose, n, may_be_unknown=True))
         self._settle("warnings", tuple(map(str, self.warnings)))
         self._settle_start()
+        self._settle_fingers(n)
         if self.contact is not None:
             contact = checks.checked_array("contact", self.contact, checks.FLAGS, (n,))
             self._settle("contact", contact.astype(np.bool_))
         if self.image is not None:
-            self._settle("image", _checked_images(self.image, n, self.sensor))
+            self._settle("image", fingers.checked_images(self.image, n, self.sensor))
         for name, value in self.extra.items():
             size = value.shape[1:] if isinstance(value, np.ndarray) else ()
             checks.checked_array(f"extra/{name}", value, ("fiub", "numbers or booleans"), (n, *size))
@@ -88,6 +101,20 @@ class Recording:
     def _settle(self, name: str, value: Any) -> None:
         """Set a field of this frozen class, once it is checked."""
         object.__setattr__(self, name, value)
+
+    def _settle_fingers(self, count: int) -> None:
+        """Check what belongs to the fingers of a hand, for `count` frames."""
+        if self.hand is not None and self.image is not None:
+            raise FileError("image: found images of one sensor for a hand; allowed are images by name of finger")
+        for name, values in fingers.settled(self.hand, self._of_fingers, count).items():
+            self._settle(name, values)
+        if self.contact is None and self.contacts:
+            self._settle("contact", np.any(list(self.contacts.values()), axis=0))
+
+    @property
+    def _of_fingers(self) -> dict[str, Mapping[str, Any]]:
+        """Fields that hold values by name of finger, without those that are not known."""
+        return {name: vars(self)[name] for name in fingers.FIELDS if vars(self)[name] is not None}
 
     def _settle_start(self) -> None:
         """Check the first pose and the standard deviations; the default of the first pose is ground truth."""
@@ -182,7 +209,9 @@ class Recording:
     def until(self, count: int) -> "Recording":
         """Return the first `count` frames."""
         names = ("time", "sensor_pose", "object_pose", "contact", "image")
-        fields = {name: vars(self)[name][:count] for name in names if vars(self)[name] is not None}
+        fields: dict[str, Any] = {name: vars(self)[name][:count] for name in names if vars(self)[name] is not None}
+        for name, values in self._of_fingers.items():
+            fields[name] = {finger: each[:count] for finger, each in values.items()}
         extra = {name: value[:count] for name, value in self.extra.items()}
         return replace(self, **fields, extra=extra)
 
@@ -205,32 +234,20 @@ class Recording:
         if self.image is not None:
             with in_file(f"{self.file or 'recording'}: image of frame {index % len(self)}"):
                 image = decode_image(self.image[index], (self.sensor.image_height, self.sensor.image_width))
+        said = {}
+        if self.hand is not None:
+            said = fingers.at_frame(self.hand, self._of_fingers, index, str(self.file or "recording"))
         return Frame(
             time=float(self.time[index]),
             sensor_pose=self.sensor_pose[index],
             image=image,
             contact=None if self.contact is None else bool(self.contact[index]),
             object_pose=truth,
+            **said,
         )
 
     def __iter__(self) -> Iterator[Frame]:
         return (self[index] for index in range(len(self)))
-
-
-def _checked_images(images: Sequence[Any], count: int, sensor: SensorProfile) -> tuple[bytes, ...]:
-    """Return the encoded images of a recording. Raises FileError unless there is one for each of `count` frames."""
-    if not sensor.image_height:
-        raise FileError(f"image: found images, but the sensor {sensor.name!r} has none")
-    encoded = tuple(images)
-    if len(encoded) != count:
-        raise FileError(f"image: found {len(encoded)} images for {count} times, expected one for each")
-    for index, image in enumerate(encoded):
-        if not isinstance(image, bytes):
-            kind = type(image).__name__
-            raise FileError(
-                f"image: image {index} is of type {kind}, expected encoded bytes; Recording.from_arrays encodes arrays"
-            )
-    return encoded
 
 
 def _images_and_contact(

@@ -4,6 +4,9 @@ Foxglove, Rerun and ROS tools show the messages: images as they are encoded, pos
 z = 0 of the frame "world", contact. A metadata record "palpate" and attachments before them hold what messages cannot:
 the outline, the sensor, the first pose, and each array to the last bit. `palpate live --record` writes the same
 metadata without the arrays; its recordings are read from the messages.
+
+A recording of a hand has version 2, as palpate before it knew of one sensor alone; topics and arrays of its fingers are
+below /fingers/NAME and fingers/NAME.
 """
 
 import io
@@ -19,11 +22,13 @@ import numpy as np
 from palpate.errors import FileError, SettingError
 from palpate.files import existing_file, in_file, json_object
 from palpate.geometry.shapes import Shape, shape_from_dict, shape_to_dict
+from palpate.io import fingers
 from palpate.io import ros_messages as ros
 from palpate.io.decode_message import decoded
 from palpate.io.recording import Recording
 from palpate.io.rosbag_reader import CutShort, front_matter, is_mcap, mcap_messages
 from palpate.io.rosbag_recording import BagChoices, read_bag
+from palpate.types.hand import Hand, hand_from_dict, hand_to_dict
 from palpate.types.sensor import SensorProfile, sensor_from_dict
 from palpate.types.space import flat
 
@@ -32,10 +37,13 @@ logger = logging.getLogger(__name__)
 METADATA = "palpate"
 ARRAYS = "palpate/"
 VERSION = "1"
+HAND_VERSION = "2"
+"""Version of recordings of a hand."""
 IMAGES = "/sensor/image/compressed"
 SENSOR_POSES = "/sensor/pose"
 OBJECT_POSES = "/object/pose"
 CONTACT = "/sensor/contact"
+FINGERS = "/fingers/"
 FRAME_ARRAYS = ("time", "sensor_pose", "object_pose", "contact")
 _NO_RECORDING = f"is no recording of palpate, which is an MCAP with metadata named {METADATA!r}"
 STATED = ("first_pose", "first_pose_sigma", "set_up_sigma", "is_view_known", "warnings")
@@ -51,12 +59,18 @@ def describe(
 ) -> None:
     """Add the metadata that make an MCAP of sensor messages a recording; they come before the first message."""
     about = {"version": VERSION, "shape": json.dumps(shape_to_dict(shape))}
-    file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(_plain(sensor)), **(more or {})})
+    file.writer.add_metadata(METADATA, {**about, "sensor": json.dumps(_plain(asdict(sensor))), **(more or {})})
 
 
-def _plain(sensor: SensorProfile) -> dict[str, Any]:
+def _plain(sensor: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a sensor but for the orientation of its camera, as images of recordings are upright."""
-    return {name: value for name, value in asdict(sensor).items() if name != "orientation"}
+    return {name: value for name, value in sensor.items() if name != "orientation"}
+
+
+def _plain_hand(hand: Hand) -> dict[str, Any]:
+    """Return a hand as the metadata hold it."""
+    plain = hand_to_dict(hand)
+    return plain | {"fingers": {name: _plain(finger) for name, finger in plain["fingers"].items()}}
 
 
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
@@ -68,6 +82,9 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     stated = {name: getattr(recording, name) for name in STATED}
     about = {name: json.dumps(np.asarray(value).tolist()) for name, value in stated.items() if value is not None}
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
+    if recording.hand is not None:
+        about |= {"version": HAND_VERSION, "hand": json.dumps(_plain_hand(recording.hand))}
+        arrays |= _finger_arrays(recording)
     arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
     with ros.new_mcap(path, overwrite) as file:
         describe(file, recording.shape, recording.sensor, about | {"source": recording.source})
@@ -80,11 +97,39 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
             file.add(stamp, _messages_of(recording, index, stamp))
 
 
+def _finger_arrays(recording: Recording) -> dict[str, Any]:
+    """Return the arrays of a hand's fingers by name, as fingers/NAME/contacts."""
+    arrays: dict[str, Any] = {}
+    for field in fingers.FIELDS[1:]:
+        values = getattr(recording, field) or {}
+        arrays |= {f"fingers/{finger}/{field}": each for finger, each in values.items()}
+    return arrays
+
+
+def _messages_of_fingers(recording: Recording, hand: Hand, index: int, stamp: int) -> dict[str, Any]:
+    """Return the messages of a frame that belong to the fingers of a hand, by topic."""
+    messages: dict[str, Any] = {}
+    given = {name: poses[index] for name, poses in (recording.finger_poses or {}).items()}
+    for finger, pose in hand.poses(recording.sensor_pose[index], given).items():
+        topic = f"{FINGERS}{finger}"
+        if recording.images is not None and finger in recording.images and recording.images[finger][index]:
+            taken = stamp
+            if recording.image_times is not None and finger in recording.image_times:
+                taken = round(float(recording.image_times[finger][index]) * 1e9)
+            messages[f"{topic}/image/compressed"] = ros.stamped_image(taken, recording.images[finger][index])
+        if recording.contacts is not None and finger in recording.contacts:
+            messages[f"{topic}/contact"] = ros.message(ros.BOOL, data=bool(recording.contacts[finger][index]))
+        messages[f"{topic}/pose"] = ros.stamped_pose(stamp, flat(), pose)
+    return messages
+
+
 def _messages_of(recording: Recording, index: int, stamp: int) -> dict[str, Any]:
     """Return the messages of a frame with its stamp [ns], by topic."""
     plane = flat()
     truth = recording.object_pose
     messages: dict[str, Any] = {}
+    if recording.hand is not None:
+        messages |= _messages_of_fingers(recording, recording.hand, index, stamp)
     if recording.image is not None:
         messages[IMAGES] = ros.stamped_image(stamp, recording.image[index])
     if recording.contact is not None:
@@ -103,6 +148,7 @@ def read_recording(path: Path | str) -> Recording:
         about, attachments = _about_and_attachments(path)
         shape = shape_from_dict(json_object(about.get("shape", ""), "metadata shape"))
         sensor = sensor_from_dict(json_object(about.get("sensor", ""), "metadata sensor"))
+        hand = hand_from_dict(json_object(about["hand"], "metadata hand")) if "hand" in about else None
         files = {name: data for name, data in attachments.items() if name.startswith(ARRAYS)}
         if not files:
             # Of a live session: each image gets the sensor's pose at its time. The time of recording is taken, which
@@ -115,16 +161,30 @@ def read_recording(path: Path | str) -> Recording:
             if name not in arrays:
                 raise FileError(f"array {name} is missing, or the file is cut off before it")
         images, count = _frames(path)
+        by_finger = {name: arrays.pop(name)[:count] for name in list(arrays) if name.startswith("fingers/")}
         return Recording(
             **{name: arrays[name][:count] for name in FRAME_ARRAYS if name in arrays},
             **{name: _parsed(name, about[name]) for name in STATED if name in about},
             shape=shape,
             sensor=sensor,
-            image=images[:count] or None,
+            image=images.get(IMAGES) if hand is None else None,
             source=about.get("source", ""),
             extra={name[6:]: value[:count] for name, value in arrays.items() if name.startswith("extra/")},
             file=path,
+            hand=hand,
+            **(_finger_fields(hand, by_finger, images) if hand else {}),
         )
+
+
+def _finger_fields(hand: Hand, arrays: Mapping[str, Any], images: Mapping[str, list[bytes]]) -> dict[str, Any]:
+    """Return the fields of a recording that hold values by finger, of arrays by name and images by topic."""
+    fields: dict[str, Any] = {}
+    for name, array in arrays.items():
+        _, finger, field = name.split("/", 2)
+        fields.setdefault(field, {})[finger] = array
+    of_fingers = {name: images.get(f"{FINGERS}{name}/image/compressed") for name in hand.fingers}
+    of_fingers = {name: each for name, each in of_fingers.items() if each is not None}
+    return fields | ({"images": of_fingers} if of_fingers else {})
 
 
 def _about_and_attachments(path: Path) -> tuple[dict[str, str], dict[str, bytes]]:
@@ -136,8 +196,9 @@ def _about_and_attachments(path: Path) -> tuple[dict[str, str], dict[str, bytes]
     if about is None:
         raise FileError(_NO_RECORDING)
     version = about.get("version")
-    if version != VERSION:
-        raise FileError(f"has version {version!r}, this palpate reads version {VERSION}: update palpate")
+    if version not in (VERSION, HAND_VERSION):
+        allowed = f"versions {VERSION} and {HAND_VERSION}"
+        raise FileError(f"has version {version!r}, this palpate reads {allowed}: update palpate")
     return about, attachments
 
 
@@ -149,18 +210,28 @@ def _parsed(name: str, data: bytes | str) -> Any:
         raise FileError(f"attachment or metadata {name} is damaged") from error
 
 
-def _frames(path: Path) -> tuple[list[bytes], int]:
-    """Return the images and the number of frames that are whole; warns where the file is cut off."""
-    images: list[bytes] = []
+def _frames(path: Path) -> tuple[dict[str, list[bytes]], int]:
+    """Return the images by topic, and the number of frames that are whole; warns where the file is cut off.
+
+    A frame without an image of a finger has one of no bytes.
+    """
+    images: dict[str, list[bytes]] = {}
     count = 0
     try:
         for raw in mcap_messages(path):
-            if raw.channel[:2] == (IMAGES, ros.COMPRESSED_IMAGE):
-                images.append(decoded(raw).data.tobytes())
-            if raw.channel.topic == SENSOR_POSES:
+            topic, kind = raw.channel[:2]
+            if kind == ros.COMPRESSED_IMAGE and (topic == IMAGES or topic.startswith(FINGERS)):
+                there = images.setdefault(topic, [])
+                if topic != IMAGES:
+                    there += [b""] * (count - len(there))
+                there.append(decoded(raw).data.tobytes())
+            if topic == SENSOR_POSES:
                 count += 1
     except CutShort as error:
         if not count:
             raise FileError(f"{error}, before the first frame") from error
         logger.warning("%s; the %d frames before that are read", error, count)
-    return images, count
+    for topic, there in images.items():
+        if topic != IMAGES:
+            there += [b""] * (count - len(there))
+    return {topic: there[:count] for topic, there in images.items()}, count

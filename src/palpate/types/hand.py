@@ -112,7 +112,7 @@ def check_names(what: str, given: Mapping[str, Any], fingers: Mapping[str, Any])
     """Raise SettingError if values by finger, which `what` names, have one of a finger that is not there."""
     for name in given:
         if name not in fingers:
-            raise SettingError(f"{what} of finger {name!r}: there is no such finger; allowed are {', '.join(fingers)}")
+            raise SettingError(f"{what}: found a finger {name!r}; the fingers of the hand are {', '.join(fingers)}")
 
 
 def _checked(name: Any, finger: Any) -> SensorProfile:

@@ -39,6 +39,8 @@ class Pushes:
     ideal: bool = False
     """State mounting, outline, time and first pose exactly, as no real set-up does; gel and light stay constant."""
     sensor: Sensor = "digit"
+    fingers: int = 1
+    """Fingers of the hand that pushes, each with images of its own: 1 to 3."""
     images: Annotated[bool, arg(default="with images")] = True
     """Make no touch images, which is faster."""
 
@@ -46,7 +48,8 @@ class Pushes:
         """Return the simulations by file name. Raises SettingError."""
         from palpate.geometry.shapes import SHAPES
         from palpate.types.sensor_file import known_sensor
-        from palpate_lab.simulate.recordings import plan
+        from palpate_lab.simulate.hand_recordings import HandSimulation
+        from palpate_lab.simulate.recordings import Simulation, plan
 
         shapes = {}
         for given in self.shape or ("disc", "rectangle", "ellipse"):
@@ -54,8 +57,11 @@ class Pushes:
             if name in shapes:
                 raise SettingError(f"--shape {given}: {name!r} is given twice; each shape needs a name of its own")
             shapes[name] = palpate.load_shape(given, self.shape_unit)
-        given = {name: getattr(self, name) for name in ("seconds", "images", "knocks", "ideal")}
-        return plan(shapes, self.count, seed, unit=unit, sensor=known_sensor(self.sensor), **given)
+        options: dict[str, Any] = {name: getattr(self, name) for name in ("seconds", "images", "knocks", "ideal")}
+        options["made"] = Simulation
+        if self.fingers != 1:
+            options |= {"made": HandSimulation, "fingers": self.fingers}
+        return plan(shapes, self.count, seed, unit=unit, sensor=known_sensor(self.sensor), **options)
 
 
 def simulate(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -70,6 +70,8 @@ class Simulation:
     """Ranges that the pushes are drawn from."""
     side: Side | None = None
     """Side of the object that meets the pad; None draws one."""
+    avoids: ClassVar[tuple[str, ...]] = ()
+    """Ends of the kinds of contact that are not simulated."""
 
     def __post_init__(self) -> None:
         check_not_negative(seed=self.seed, unit=self.unit)
@@ -176,11 +178,16 @@ def demo_recording(progress: Callable[[int], None] | None = None) -> Recording:
 
 
 def plan(
-    shapes: Mapping[str, Shape], count: int, seed: int = 0, leave_out: Collection[str] = (), **options: Any
+    shapes: Mapping[str, Shape],
+    count: int,
+    seed: int = 0,
+    leave_out: Collection[str] = (),
+    made: type[Simulation] = Simulation,
+    **options: Any,
 ) -> dict[str, Simulation]:
     """Return the recordings of a folder by file name: `count` of each named object, its kinds of contact in turn.
 
-    `leave_out` are kinds of contact that are not made. Options are further fields of `Simulation`.
+    `leave_out` are kinds of contact that are not made. Options are further fields of `made`, the kind of simulation.
     Raises SettingError on a value that is not allowed, and without MuJoCo.
     """
     if not 1 <= count <= COUNT:
@@ -190,11 +197,11 @@ def plan(
     simulations: dict[str, Simulation] = {}
     for number in range(seed * COUNT, seed * COUNT + count):
         for name, shape in shapes.items():
-            places = [kind for kind in kinds(shape) if kind not in leave_out]
+            places = [kind for kind in kinds(shape) if kind not in leave_out and not kind.endswith(made.avoids)]
             kind = places[number % COUNT % len(places)]
             _, *place = kind.split("-", 1)
             file = f"{'-'.join([name, *place])}-{number:06d}{SUFFIX}"
-            simulations[file] = Simulation(shape, kind, number, **options)
+            simulations[file] = made(shape, kind, number, **options)
     return simulations
 
 

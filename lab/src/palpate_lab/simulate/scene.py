@@ -1,8 +1,9 @@
-"""The MuJoCo model of a push: an object on many small feet, a table, and a pusher that carries a soft gel.
+"""The MuJoCo model of a push: an object on many small feet, a table, and a pusher for each soft gel.
 
 The object's motion follows from Coulomb's law at each of its feet. Nothing here assumes a limit surface.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,13 @@ class WorldSettings:
     """Normal force per indentation of a round gel [N/m]."""
     gel_drift: tuple[float, float] = (0.0, 0.0)
     """Relative growth of friction and stiffness of the gel [1/s], for WARM_UP."""
+    more_gels: tuple[tuple[float, float], ...] = ()
+    """Friction and stiffness [N/m] of the gels of a hand's further fingers; those left out have that of the first."""
+
+    def gel(self, finger: int) -> tuple[float, float]:
+        """Return friction and stiffness [N/m] of a finger's gel."""
+        gels = ((self.gel_friction, self.gel_stiffness), *self.more_gels)
+        return gels[finger if finger < len(gels) else 0]
 
 
 def draw_settings(shape: Shape, rng: np.random.Generator, pushes: PushSettings = ROBOT) -> WorldSettings:
@@ -54,6 +62,12 @@ def draw_settings(shape: Shape, rng: np.random.Generator, pushes: PushSettings =
         gel_friction=rng.uniform(*pushes.gel_friction),
         gel_stiffness=rng.uniform(*pushes.gel_stiffness),
     )
+
+
+def draw_gels(settings: WorldSettings, count: int, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+    """Draw friction and stiffness [N/m] of further gels of a hand, each within a fifth of the first one's."""
+    factors = rng.uniform(0.8, 1.2, (count, 2)).tolist()
+    return tuple((settings.gel_friction * slips, settings.gel_stiffness * gives) for slips, gives in factors)
 
 
 def _draw_feet(shape: Shape, rng: np.random.Generator) -> Array:
@@ -85,16 +99,18 @@ def _draw_feet(shape: Shape, rng: np.random.Generator) -> Array:
 
 
 def build_model(
-    settings: WorldSettings, shape: Shape, sensor: SensorProfile, object_pose: ArrayLike
+    settings: WorldSettings, shape: Shape, sensors: Sequence[SensorProfile], object_pose: ArrayLike
 ) -> tuple[Any, Any]:
     """Return the MuJoCo model and its data, the object at rest at world_T_object (3,) [m, m, rad].
 
-    Joints in order: x, y and yaw of the gel's centre of curvature, the gel's vertical slide, the object's free joint.
+    Joints in order: for each sensor x, y and yaw of the gel's centre of curvature, and the gel's vertical slide; then
+    the object's free joint.
     """
     mujoco = required("simulation", "sim", "mujoco")
-    if not 0.001 <= sensor.radius <= 0.1:
-        found = f"sensor {sensor.name!r} has radius {sensor.radius} m"
-        raise SettingError(f"{found}; simulation needs 0.001 to 0.1 m")
+    for sensor in sensors:
+        if not 0.001 <= sensor.radius <= 0.1:
+            found = f"sensor {sensor.name!r} has radius {sensor.radius} m"
+            raise SettingError(f"{found}; simulation needs 0.001 to 0.1 m")
     spec = mujoco.MjSpec()
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
@@ -102,18 +118,18 @@ def build_model(
     spec.option.impratio = 100.0  # friction holds a hundred times harder than it yields: no creep under load
     spec.option.tolerance = 1e-13  # at the default of 1e-8 the solver sometimes stops early and the object jerks
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], contype=0, conaffinity=0)
-    centers, radii = gel_spheres(sensor)
-    _add_pusher(mujoco, spec, centers, radii)
-    _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64), len(radii))
+    gels = [name for finger, sensor in enumerate(sensors) for name in _add_pusher(mujoco, spec, finger, sensor)]
+    _add_object(mujoco, spec, settings, shape, np.asarray(object_pose, dtype=np.float64), gels)
     model = spec.compile()
-    set_gel(model, sensor, settings.gel_friction, settings.gel_stiffness)
+    for finger, sensor in enumerate(sensors):
+        set_gel(model, finger, sensor, *settings.gel(finger))
     return model, mujoco.MjData(model)
 
 
 def gel_spheres(sensor: SensorProfile) -> tuple[Array, Array]:
     """Return centres (n, 2) and radii (n,) [m] of the spheres that make up a gel, each a spring of its own.
 
-    A round tip is one sphere and a flat pad a row of them, for each finger of a hand. Centres are relative to the
+    A round tip is one sphere and a flat pad a row of them, for each tip of the sensor. Centres are relative to the
     middle of the tips' centres of curvature.
     """
     row = np.linspace(-0.5, 0.5, _FLAT_PARTS) * sensor.flat_width if sensor.flat_width else np.zeros(1)
@@ -152,8 +168,10 @@ def _is_convex(polygon: Any) -> Any:
     return shapely.area(shapely.convex_hull(polygon)) <= shapely.area(polygon) * (1.0 + 1e-9)
 
 
-def _add_pusher(mujoco: Any, spec: Any, centers: Array, radii: Array) -> None:
-    pusher = spec.worldbody.add_body(name="pusher", pos=[0, 0, _FOOT_RADIUS + 0.5 * _HEIGHT], gravcomp=1.0)
+def _add_pusher(mujoco: Any, spec: Any, finger: int, sensor: SensorProfile) -> list[str]:
+    """Add the pusher that carries a sensor's gel, and return the names of the gel's spheres."""
+    centers, radii = gel_spheres(sensor)
+    pusher = spec.worldbody.add_body(name=f"pusher{finger}", pos=[0, 0, _FOOT_RADIUS + 0.5 * _HEIGHT], gravcomp=1.0)
     pusher.explicitinertial = True
     pusher.mass = 1.0
     pusher.inertia = [1e-3, 1e-3, 1e-3]
@@ -161,15 +179,16 @@ def _add_pusher(mujoco: Any, spec: Any, centers: Array, radii: Array) -> None:
     for kind, axis in ((slide, [1, 0, 0]), (slide, [0, 1, 0]), (mujoco.mjtJoint.mjJNT_HINGE, [0, 0, 1])):
         pusher.add_joint(type=kind, axis=axis, armature=1e4)  # so heavy that contact does not slow it down
     # The gel slides freely up and down, so contact does not carry the object.
-    gel = pusher.add_body(name="gel", gravcomp=1.0)
+    gel = pusher.add_body(name=f"gel{finger}", gravcomp=1.0)
     gel.add_joint(type=slide, axis=[0, 0, 1], stiffness=1.0, damping=0.05)
     for i, ((x, y), radius) in enumerate(zip(centers.tolist(), radii.tolist(), strict=True)):
         sphere = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0], "pos": [x, y, 0]}
         light = 0.02 / len(radii)  # [kg] against the object
-        gel.add_geom(name=f"gel{i}", mass=light, contype=0, conaffinity=0, **sphere)
+        gel.add_geom(name=f"gel{finger}-{i}", mass=light, contype=0, conaffinity=0, **sphere)
+    return [f"gel{finger}-{i}" for i in range(len(radii))]
 
 
-def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, pose: Array, gel_parts: int) -> None:
+def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, pose: Array, gels: list[str]) -> None:
     x, y, theta = pose.tolist()
     body = spec.worldbody.add_body(name="object", pos=[x, y, 0], quat=[np.cos(theta / 2), 0, 0, np.sin(theta / 2)])
     body.add_freejoint()
@@ -192,9 +211,9 @@ def _add_object(mujoco: Any, spec: Any, settings: WorldSettings, shape: Shape, p
     friction = [settings.gel_friction] * 2 + [0, 0, 0]
     for k, part in enumerate(parts):
         body.add_geom(name=f"part{k}", pos=[0, 0, _FOOT_RADIUS + half], contype=0, conaffinity=0, **part)
-        for i in range(gel_parts):
-            pair = {"geomname1": f"part{k}", "geomname2": f"gel{i}", "condim": 3, "friction": friction}
-            spec.add_pair(name=f"part{k}-{i}", **pair)
+        for gel in gels:
+            pair = {"geomname1": f"part{k}", "geomname2": gel, "condim": 3, "friction": friction}
+            spec.add_pair(name=f"part{k}-{gel}", **pair)
     friction = [settings.table_friction] * 2 + [0, 0, 0]
     solver = {"solref": [0.04, 1.0], "solimp": [0.5, 0.5, 0.001, 0.5, 2.0]}
     for i, (px, py) in enumerate(settings.feet):
@@ -208,10 +227,10 @@ def _area(corners: Array) -> float:
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)).__abs__())
 
 
-def set_gel(model: Any, sensor: SensorProfile, friction: float, stiffness: float) -> None:
-    """Set Coulomb friction and stiffness [N/m] of the contact between gel and object.
+def set_gel(model: Any, finger: int, sensor: SensorProfile, friction: float, stiffness: float) -> None:
+    """Set Coulomb friction and stiffness [N/m] of the contact between a finger's gel and the object.
 
-    The normal force at rest is `stiffness` times the indentation of a round tip, of each finger for a hand. A flat
+    The normal force at rest is `stiffness` times the indentation of a round tip, of each tip if there are more. A flat
     pad, touched all over, is three times as stiff in all.
 
     MuJoCo gives contacts a stiffness k per unit of inertia; at rest f (1 - d) / d A = k d r with the impedance d and
@@ -219,11 +238,11 @@ def set_gel(model: Any, sensor: SensorProfile, friction: float, stiffness: float
     damping, with the time constant t of the contact pair.
     """
     impedance = 0.9  # constant over depth: a linear spring
-    inverse_inertia = sum(float(model.body(name).invweight0[0]) for name in ("gel", "object"))
+    inverse_inertia = sum(float(model.body(name).invweight0[0]) for name in (f"gel{finger}", "object"))
     per_sphere = 3.0 / _FLAT_PARTS if sensor.flat_width else 1.0
     k = per_sphere * stiffness * (1.0 - impedance) / impedance**2 * inverse_inertia
     body = model.geom_bodyid[np.stack((model.pair_geom1, model.pair_geom2))]
-    pairs = (body == model.body("gel").id).any(axis=0)
+    pairs = (body == model.body(f"gel{finger}").id).any(axis=0)
     model.pair_friction[pairs, :2] = friction
     model.pair_solref[pairs] = (1.0 / (impedance * np.sqrt(k)), 1.0)
     model.pair_solimp[pairs] = (impedance, impedance, 0.001, 0.5, 2.0)

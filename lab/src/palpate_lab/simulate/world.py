@@ -1,7 +1,8 @@
-"""A simulated world: the sensor follows its commanded path, the object moves by physics, a finger may shove it."""
+"""A simulated world: sensors follow their commanded paths, the object moves by physics, a finger may shove it."""
 
 from collections import deque
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +11,7 @@ from palpate.arrays import Array, Flags
 from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
+from palpate.types.hand import Hand
 from palpate.types.sensor import SensorProfile
 from palpate_lab import required
 from palpate_lab.simulate.paths import minimum_jerk, unit_vector
@@ -18,10 +20,15 @@ from palpate_lab.simulate.scene import WARM_UP, WorldSettings, build_model, set_
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Motion and contact, frame by frame; forces and slip are those of the last time step of a frame."""
+    """Motion and contact, frame by frame; forces and slip are those of the last time step of a frame.
+
+    Of a hand, contact and what follows but `knocked` have an axis of its fingers after N.
+    """
 
     sensor_pose: Array
-    """world_T_sensor, (N, 3) [m, m, rad]."""
+    """world_T_sensor, of a hand world_T_hand, (N, 3) [m, m, rad]."""
+    finger_pose: Array
+    """world_T_finger of a hand's fingers, (N, F, 3) [m, m, rad]; of one sensor it is that sensor's."""
     object_pose: Array
     """world_T_object, (N, 3) [m, m, rad]."""
     contact: Flags
@@ -40,13 +47,23 @@ class Motion:
     knocked: Flags
     """Shove by a finger since the frame before, (N,)."""
 
+    def of_finger(self, finger: int) -> "Motion":
+        """Return the motion of one finger of a hand, as the sensor, and of the object."""
+        shared = ("sensor_pose", "finger_pose", "object_pose", "knocked")
+        own: dict[str, Any] = {"sensor_pose": self.finger_pose[:, finger]}
+        for field in fields(self):
+            if field.name not in shared:
+                own[field.name] = getattr(self, field.name)[:, finger]
+        return replace(self, **own)
+
 
 def concatenated(motions: list[Motion]) -> Motion:
     """Return motions, one after the other, as one."""
     joined = {}
     for field in fields(Motion):
         joined[field.name] = np.concatenate([getattr(motion, field.name) for motion in motions])
-    joined["sensor_pose"][:, 2] = se2.wrap(joined["sensor_pose"][:, 2])
+    for name in ("sensor_pose", "finger_pose"):
+        joined[name][..., 2] = se2.wrap(joined[name][..., 2])
     return Motion(**joined)
 
 
@@ -71,40 +88,48 @@ class Shove:
 
 
 class World:
-    """One object and one sensor; time advances with every `run`."""
+    """One object, and one sensor or the fingers of a hand; time advances with every `run`."""
 
     def __init__(
         self,
         settings: WorldSettings,
         shape: Shape,
-        sensor: SensorProfile,
+        sensor: SensorProfile | Hand,
         object_pose: ArrayLike,
         sensor_pose: ArrayLike,
     ) -> None:
-        """Place object and sensor, (3,) [m, m, rad] each in the world, and let the object settle on its feet."""
+        """Place object and sensor, (3,) [m, m, rad] each in the world, and let the object settle on its feet.
+
+        Of a hand, whose fingers have one rate, `sensor_pose` is world_T_hand.
+        """
         self._mujoco = required("simulation", "sim", "mujoco")
-        self._model, self._data = build_model(settings, shape, sensor, object_pose)
-        self._steps = int(np.ceil(1.0 / sensor.rate / 0.002 - 1e-9))  # of 2 ms at most
-        self._model.opt.timestep = 1.0 / sensor.rate / self._steps
+        self._hand = sensor if isinstance(sensor, Hand) else None
+        self._fingers = list(sensor.fingers.values()) if isinstance(sensor, Hand) else [sensor]
+        self._rate = self._fingers[0].rate
+        self._model, self._data = build_model(settings, shape, self._fingers, object_pose)
+        self._steps = int(np.ceil(1.0 / self._rate / 0.002 - 1e-9))  # of 2 ms at most
+        self._model.opt.timestep = 1.0 / self._rate / self._steps
         names = [self._model.geom(i).name for i in range(self._model.ngeom)]
-        self._is_gel = np.array([name.startswith("gel") for name in names])
+        count = len(self._fingers)
+        self._is_gel = [np.array([name.startswith(f"gel{k}-") for name in names]) for k in range(count)]
+        self._driven = [4 * k + joint for k in range(count) for joint in range(3)]
+        self._object = 4 * count  # place of the object's joint
         self._settings = settings
         self._age = 0
         self._middle = self._model.body("object").ipos[:2]
         self._applied = self._data.body("object").xfrc_applied
         self._shove = Shove(np.zeros(2), 0.0, 0.0, 0.0)
         self._finger = deque[tuple[float, float]]()
-        self._sensor = sensor
-        self._rate = sensor.rate
-        self._velocity = np.zeros(3)
         self.sensor_pose = np.asarray(sensor_pose, dtype=np.float64)
-        """world_T_sensor now, (3,) [m, m, rad]."""
-        self.run(np.repeat(self.sensor_pose[None], int(0.4 * sensor.rate), axis=0))  # 0.4 s to settle
+        """world_T_sensor now, of a hand world_T_hand, (3,) [m, m, rad]."""
+        self._finger_pose = self._mounted(self.sensor_pose)
+        self._velocity = np.zeros_like(self._finger_pose)
+        self.run(np.repeat(self.sensor_pose[None], int(0.4 * self._rate), axis=0))  # 0.4 s to settle
 
     @property
     def object_pose(self) -> Array:
         """world_T_object now, (3,) [m, m, rad]."""
-        x, y, _, w, i, j, k = self._data.qpos[4:].tolist()
+        x, y, _, w, i, j, k = self._data.qpos[self._object :].tolist()
         return np.array([x, y, np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))])
 
     def shove(self, shove: Shove) -> None:
@@ -113,65 +138,88 @@ class World:
         self._shove = shove
         self._finger = deque(shove.path(start, self._model.opt.timestep))
 
-    def run(self, sensor_poses: ArrayLike) -> Motion:
+    def _mounted(self, sensor_pose: Array) -> Array:
+        """Return the poses of all fingers (..., F, 3) of a sensor or hand at poses (..., 3)."""
+        if self._hand is None:
+            return sensor_pose[..., None, :]
+        return np.stack(list(self._hand.poses(sensor_pose).values()), axis=-2)
+
+    def run(self, sensor_poses: ArrayLike, finger_poses: Array | None = None) -> Motion:
         """Move the sensor from its present pose through poses (N, 3) [m, m, rad], one per frame; return the motion.
 
-        Between frames the sensor follows cubics without a jump in velocity. Raises SettingError if the object topples
-        or the simulation breaks down.
+        A hand's fingers are at their mounts, or at `finger_poses` (N, F, 3). Between frames the sensor follows cubics
+        without a jump in velocity. Raises SettingError if the object topples or the simulation breaks down.
         """
         poses = np.asarray(sensor_poses, dtype=np.float64)
-        path, velocity = self._interpolated(poses)
+        of_fingers = self._mounted(poses) if finger_poses is None else finger_poses
+        path, velocity = self._interpolated(of_fingers)
+        yaws = np.unwrap(np.append(self.sensor_pose[2], poses[:, 2]))
+        self.sensor_pose = np.append(np.vstack((self.sensor_pose, poses))[-1, :2], yaws[-1])
         data = self._data
         model = self._model
         step = self._mujoco.mj_step
         qpos = data.qpos
         qvel = data.qvel
-        rows = np.zeros((len(path) // self._steps, 10))
+        upright_at = self._object + 4
+        gels = range(len(self._fingers))
+        rows = np.zeros((len(path) // self._steps, 4))
+        touches = np.zeros((len(rows), len(gels), 6))
         for frame in range(len(rows)):
             self._drift()
             for index in range(frame * self._steps, (frame + 1) * self._steps):
-                qpos[:3] = path[index]
-                qvel[:3] = velocity[index]
-                rows[frame, 9] += self._push()
+                qpos[self._driven] = path[index]
+                qvel[self._driven] = velocity[index]
+                rows[frame, 3] += self._push()
                 step(model, data)
             rows[frame, :3] = self.object_pose
-            rows[frame, 3:9] = self._touch()
-            i, j = qpos[8:10].tolist()
+            touches[frame] = [self._touch(finger) for finger in gels]
+            i, j = qpos[upright_at : upright_at + 2].tolist()
             upright = 1.0 - 2.0 * (i * i + j * j)
             # Its feet can tilt the object by 2.6 degrees.
             if not upright > 0.999 or data.warning.number.any():
                 broke = f"the simulation broke down at frame {frame} of a run"
                 raise SettingError(f"{broke}: the object's axis is at {upright:.4f} of upright")
-        contact, normal, tangential, slip, indentation, angle, pushes = rows[:, 3:].T
-        return Motion(poses, rows[:, :3], contact > 0, normal, tangential, slip, indentation, angle, pushes > 0)
+        found = touches[:, 0] if self._hand is None else touches
+        contact, normal, tangential, slip, indentation, angle = np.moveaxis(found, -1, 0)
+        knocked = rows[:, 3] > 0
+        touch = (contact > 0, normal, tangential, slip, indentation, angle)
+        return Motion(poses, of_fingers, rows[:, :3], *touch, knocked)
 
     def _drift(self) -> None:
-        """Set friction and stiffness of the gel for the next frame."""
+        """Set friction and stiffness of the gels for the next frame."""
         settings = self._settings
         seconds = self._age / self._rate
         self._age += 1
         if any(settings.gel_drift) and seconds <= WARM_UP:
             friction, stiffness = (1.0 + rate * seconds for rate in settings.gel_drift)
-            set_gel(self._model, self._sensor, settings.gel_friction * friction, settings.gel_stiffness * stiffness)
+            for finger, sensor in enumerate(self._fingers):
+                of_gel = settings.gel(finger)
+                set_gel(self._model, finger, sensor, of_gel[0] * friction, of_gel[1] * stiffness)
 
     def _interpolated(self, poses: Array) -> tuple[Array, Array]:
-        """Return position and velocity of the pusher's joints at every time step, (M, 3) each."""
-        from scipy.interpolate import CubicHermiteSpline
-
-        knots = np.concatenate((self.sensor_pose[None], poses))
-        knots[:, 2] = np.unwrap(knots[:, 2])
+        """Return position and velocity (M, 3 F) of the pushers' joints at every time step, to poses (N, F, 3)."""
+        knots = np.concatenate((self._finger_pose[None], poses))
+        knots[..., 2] = np.unwrap(knots[..., 2], axis=0)
         if len(knots) == 1:
-            return np.empty((0, 3)), np.empty((0, 3))
+            return np.empty((0, len(self._driven))), np.empty((0, len(self._driven)))
         slopes = np.gradient(knots, 1.0 / self._rate, axis=0)
         slopes[0] = self._velocity
-        self.sensor_pose = knots[-1]
+        self._finger_pose = knots[-1]
         self._velocity = slopes[-1]
+        each = [self._joints(sensor, knots[:, k], slopes[:, k]) for k, sensor in enumerate(self._fingers)]
+        paths, velocities = zip(*each, strict=True)
+        return np.hstack(paths), np.hstack(velocities)
+
+    def _joints(self, sensor: SensorProfile, knots: Array, slopes: Array) -> tuple[Array, Array]:
+        """Return position and velocity (M, 3) of a pusher's joints, from poses and velocities (n, 3) of its sensor."""
+        from scipy.interpolate import CubicHermiteSpline
+
         spline = CubicHermiteSpline(np.arange(len(knots)) / self._rate, knots, slopes)
         at = np.arange((len(knots) - 1) * self._steps) * self._model.opt.timestep
         pose = spline(at)
         rate = spline(at, 1)
         # The joints move the gel's centre of curvature.
-        arm = self._sensor.center * np.ones((len(at), 1))
+        arm = sensor.center * np.ones((len(at), 1))
         lever = se2.transform(np.column_stack((np.zeros((len(at), 2)), pose[:, 2])), arm)
         path = np.column_stack((pose[:, :2] + lever, pose[:, 2]))
         turn = rate[:, 2:] * np.column_stack((-lever[:, 1], lever[:, 0]))
@@ -197,11 +245,13 @@ class World:
         self._applied[5] = x * force[1] - y * force[0]
         return bool(force.any())
 
-    def _touch(self) -> tuple[float, float, float, float, float, float]:
-        """Return contact, normal and tangential force, slip, indentation and pad angle."""
+    def _touch(self, finger: int) -> tuple[float, float, float, float, float, float]:
+        """Return contact, normal and tangential force, slip, indentation and pad angle of a finger."""
         data = self._data
         contacts = self._data.contact
-        touching = np.flatnonzero(self._is_gel[contacts.geom].any(axis=1) & (contacts.efc_address >= 0))
+        is_gel = self._is_gel[finger]
+        joint = 4 * finger
+        touching = np.flatnonzero(is_gel[contacts.geom].any(axis=1) & (contacts.efc_address >= 0))
         if not len(touching):
             return 0.0, 0.0, 0.0, 0.0, 0.0, np.nan
         depth = -np.inf
@@ -209,13 +259,13 @@ class World:
         angle = np.nan
         normal_sum = 0.0
         tangent_sum = 0.0
-        yaw = float(data.qpos[2])
+        yaw = float(data.qpos[joint + 2])
         force = np.zeros(6)
         for i in touching:
             contact = contacts[int(i)]
             self._mujoco.mj_contactForce(self._model, data, int(i), force)
             frame = contact.frame.reshape(3, 3)
-            sign = 1.0 if self._is_gel[contact.geom[0]] else -1.0  # the normal points from the first geom to the second
+            sign = 1.0 if is_gel[contact.geom[0]] else -1.0  # the normal points from the first geom to the second
             into = sign * frame[0]  # from the gel into the object
             bearing = np.arctan2(into[1], into[0]) - yaw
             tangent = np.array([-into[1], into[0], 0.0]) / np.hypot(into[0], into[1])
@@ -225,14 +275,14 @@ class World:
             if -contact.dist > depth:
                 depth = -contact.dist
                 angle = float(np.arctan2(np.sin(bearing), np.cos(bearing)))
-                x, y = contact.pos[:2] - data.qpos[:2]
-                over_gel = self._velocity_at(contact.pos) - data.qvel[:2] - data.qvel[2] * np.array([-y, x])
+                x, y = contact.pos[:2] - data.qpos[joint : joint + 2]
+                of_gel = data.qvel[joint : joint + 3]
+                over_gel = self._velocity_at(contact.pos) - of_gel[:2] - of_gel[2] * np.array([-y, x])
                 slip = float(tangent[:2] @ over_gel)
         return 1.0, normal_sum, tangent_sum, slip, max(depth, 0.0), angle
 
     def _velocity_at(self, point: Array) -> Array:
         """Return the velocity of the object (2,) [m/s] at a point."""
-        qpos = self._data.qpos
-        qvel = self._data.qvel
-        x, y = point[:2] - qpos[4:6]
-        return qvel[4:6] + qvel[9] * np.array([-y, x])
+        qvel = self._data.qvel[self._object :]
+        x, y = point[:2] - self._data.qpos[self._object : self._object + 2]
+        return qvel[:2] + qvel[5] * np.array([-y, x])
