@@ -1,6 +1,6 @@
-"""Write the compiled code of the model of pushing, `src/palpate/models/generated.py`: `make kernels`.
+"""Write the compiled code of the models of pushing, `src/palpate/models/generated*.py`: `make kernels`.
 
-python scripts/write_kernels.py [--check]    # exit 1 if the file is out of date, in place of writing it
+python scripts/write_kernels.py [--check]    # exit 1 if a file is out of date, in place of writing it
 """
 
 import argparse
@@ -9,30 +9,38 @@ from pathlib import Path
 
 from palpate.errors import PalpateError
 from palpate.estimation.generate import generate
+from palpate.estimation.model import Model
+from palpate.models.pushing.hand import hand_model
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.settings import SETTINGS
 
-FILE = Path(__file__).parents[1] / "src/palpate/models/generated.py"
+FOLDER = Path(__file__).parents[1] / "src/palpate/models"
 SOURCE = "palpate.models.pushing"
+MODELS = {"generated.py": MODEL, "generated_two_fingers.py": hand_model(2)}
 
 
 def main() -> int:
-    """Write the file, or check it."""
-    parser = argparse.ArgumentParser(description="Write src/palpate/models/generated.py from palpate.models.pushing.")
-    parser.add_argument("--check", action="store_true", help="exit 1 if the file is out of date")
+    """Write the files, or check them."""
+    parser = argparse.ArgumentParser(description="Write src/palpate/models/generated*.py from palpate.models.pushing.")
+    parser.add_argument("--check", action="store_true", help="exit 1 if a file is out of date")
     is_check = parser.parse_args().check
+    return max(_write(FOLDER / name, model, is_check) for name, model in MODELS.items())
+
+
+def _write(file: Path, model: Model, is_check: bool) -> int:
+    """Write the code of a model to a file, or check that it is there; return the status to exit with."""
     try:
-        text = generate(MODEL, SETTINGS, SOURCE)
+        text = generate(model, SETTINGS, SOURCE)
     except PalpateError as error:
         print(f"write_kernels: {error}", file=sys.stderr)
         return 2
-    if FILE.exists() and FILE.read_text(encoding="utf-8") == text:
+    if file.exists() and file.read_text(encoding="utf-8") == text:
         return 0
     if is_check:
-        print(f"{FILE.name} is out of date: {SOURCE} has changed; run make kernels", file=sys.stderr)
+        print(f"{file.name} is out of date: {SOURCE} has changed; run make kernels", file=sys.stderr)
         return 1
-    FILE.write_text(text, encoding="utf-8")
-    print(f"written: {FILE}")
+    file.write_text(text, encoding="utf-8")
+    print(f"written: {file}")
     return 0
 
 

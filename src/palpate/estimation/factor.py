@@ -60,10 +60,13 @@ class Factor:
     applies: Callable[..., Any] | None = None
     """Condition under which the factor has rows; by default always."""
     lookup: Callable[..., Any] | None = None
-    """Compiled function of a step and the table of `Given.places`, for what no formula gives, such as the nearest of
+    """Compiled function of a step, the number of the finger if it has one, and the table of `Given.places`, for what no formula gives, such as the nearest of
     several places; returns the numbers `found`. For factors of measurements."""
     found: tuple[str, ...] = ()
     """Names of the numbers that `lookup` returns, read as `known.NAME`."""
+    finger: int | None = None
+    """Number of the finger at whose contact it holds, in a model of several: it has rows while that finger touches,
+    reads g and e of that finger and the variables of its contact. None for the hand as a whole."""
     is_compared: bool = True
     """False if the residual is no innovation, so that no consistency test can be made of it."""
 

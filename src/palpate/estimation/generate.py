@@ -116,11 +116,12 @@ def generate(model: Model, settings: np.dtype, source: str) -> str:
 
     Raises SettingError, which names the factor, where a residual cannot be differentiated or reads what is not there.
     """
-    lookups = "".join(
+    imports = [
         f"from {factor.lookup.__module__} import {factor.lookup.__name__}\n"
         for factor in model.factors
         if factor.lookup is not None
-    )
+    ]
+    lookups = "".join(dict.fromkeys(imports))
     parts = [HEADER.format(source=source, columns="\n".join(_columns(model)), lookups=lookups)]
     parts.extend(_step_functions(model))
     parts.extend(_factor_function(model, settings, factor) for factor in model.factors)
@@ -211,9 +212,15 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
     code = _Printer(symbols, [*condition, *outputs, *(value for _, value in assignments), *_values(jacobian)])
     lines = ["@kernel", f"def {factor.name}({STEP_ARGUMENTS if factor.steps else MEASURED_ARGUMENTS}) -> int:"]
     lines.append(f'    """{_summary(factor)}"""')
+    if factor.finger is not None:
+        steps = ("before", "now") if factor.steps == "pair" else ("now",)
+        touch = " and ".join(f"{step}.touches[{factor.finger}] > 0.5" for step in steps)
+        lines.append(f"    if not ({touch}):")
+        lines.append("        return 0")
     if factor.lookup is not None:
         names = ", ".join(f"known_{name}" for name in factor.found)
-        lines.append(f"    {names} = {factor.lookup.__name__}(now, places)")
+        step = "now" if factor.finger is None else f"now, {factor.finger}"
+        lines.append(f"    {names} = {factor.lookup.__name__}({step}, places)")
     if condition:
         lines.extend(code.loads(condition))
         lines.append(f"    applies = {code.doprint(condition[0])}")

@@ -33,6 +33,10 @@ class Model:
     """Further numbers of a step that factors read as `now.NAME`."""
     step_poses: tuple[str, ...] = ()
     """Known poses of a step that factors read as `now.NAME`."""
+    fingers: int = 0
+    """Number of fingers, each with a contact geometry of its own; 0 for one sensor, which has that of the step."""
+    finger_numbers: tuple[str, ...] = ()
+    """Further numbers of a step that each finger has, and that its factors read as `now.NAME`."""
 
     def __post_init__(self) -> None:
         for factor in self.factors:
@@ -128,9 +132,13 @@ class Model:
         return [variable.prior[1] for variable in variables for _ in range(variable.dimension)]
 
     @cached_property
-    def factors_by_measurement(self) -> dict[type, int]:
-        """Places of the factors that measurements bring, by the class of these."""
-        return {factor.measurement: k for k, factor in enumerate(self.factors) if factor.measurement is not None}
+    def factors_by_measurement(self) -> dict[tuple[type, int], int]:
+        """Places of the factors that measurements bring, by the class of these and the finger, 0 without fingers."""
+        return {
+            (factor.measurement, factor.finger or 0): k
+            for k, factor in enumerate(self.factors)
+            if factor.measurement is not None
+        }
 
 
 def size(variables: Sequence[Variable]) -> int:

@@ -47,6 +47,8 @@ def step_type(model: Model) -> np.dtype:
     - object: pose that follows from the variables [m, m, rad].
     - touch: contact geometry at the variables.
     - The numbers of the step that factors read.
+    - Of several fingers, each of these by finger: finger and turn_finger, the pose in the hand and its rotation;
+      touch_of, contact geometry of its own; touches, 1 while it touches; and further numbers of a finger.
     - cost: cost of measurements and of the process, and 1 if the latter does not count.
     - cost_of_belief: that of the belief with which a contact begins, which is no evidence.
     - surprise: square of the innovations of each factor when this step was the last one, in units of the variance
@@ -63,6 +65,11 @@ def step_type(model: Model) -> np.dtype:
     fields["object"] = "3f8"
     fields["touch"] = model.geometry
     fields |= dict.fromkeys(model.step_numbers, "f8")
+    if model.fingers:
+        fields["finger"] = f"({model.fingers},3)f8"
+        fields["turn_finger"] = f"{model.fingers}c16"
+        fields["touch_of"] = (model.geometry, (model.fingers,))
+        fields |= dict.fromkeys(("touches", *model.finger_numbers), f"{model.fingers}f8")
     fields["cost"] = "3f8"
     fields["cost_of_belief"] = "f8"
     fields["surprise"] = f"{len(model.names)}f8"

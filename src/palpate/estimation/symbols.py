@@ -69,6 +69,9 @@ class Symbols:
         }
         for variable in model.shared:
             arguments[variable.name] = self._shared(variable)
+        of_finger = [variable for variable in model.shared if variable.base and variable.finger == self.factor.finger]
+        for variable in of_finger:
+            arguments[variable.known_as] = arguments[variable.name]
         return arguments
 
     def _number(self, name: str, load: str | None = None, derivatives: dict[int, Any] | None = None) -> sympy.Symbol:
@@ -106,14 +109,29 @@ class Symbols:
             fields[name] = self._pose(f"{step}_{name}", f"{step}.{name}", f"{step}.turn_{name}")
         for name in self.model.step_numbers:
             fields[name] = self._number(f"{step}_{name}", f"{step}.{name}")
-        geometry = {name: self._geometry(step, name, first_column) for name in self._geometry_names()}
-        fields["touch"] = Fields(self.factor.name, f"{step}.touch", geometry)
+        fields["touch"] = self._touch(step, "touch", first_column)
+        if self.factor.finger is not None:
+            fields |= self._seen_by_finger(step, self.factor.finger, fields, first_column)
         return fields
+
+    def _seen_by_finger(self, step: str, finger: int, fields: dict[str, Any], first_column: int) -> dict[str, Any]:
+        """Return what a finger has of its own in a step: its poses in place of the hand's, its contact and numbers."""
+        hand_T_finger = self._pose(f"{step}_finger", f"{step}.finger[{finger}]", f"{step}.turn_finger[{finger}]")
+        own = {variable.field: fields[variable.field].compose(hand_T_finger) for variable in self.model.of("step")}
+        for name in self.model.finger_numbers:
+            own[name] = self._number(f"{step}_{name}", f"{step}.{name}[{finger}]")
+        own["touch"] = self._touch(step, f"touch_of[{finger}]", first_column)
+        return own
+
+    def _touch(self, step: str, record: str, first_column: int) -> Fields:
+        """Return the contact geometry in a record of a step."""
+        geometry = {name: self._geometry(step, record, name, first_column) for name in self._geometry_names()}
+        return Fields(self.factor.name, f"{step}.touch", geometry)
 
     def _geometry_names(self) -> list[str]:
         return [name for name in self.model.geometry.names or () if "_by_" not in name]
 
-    def _geometry(self, step: str, name: str, first_column: int) -> Any:
+    def _geometry(self, step: str, record: str, name: str, first_column: int) -> Any:
         """Return a number or a vector of the contact geometry, with its derivatives."""
         is_vector = self.model.geometry[name].kind == "c"
         parts = ("real", "imag") if is_vector else ("",)
@@ -127,9 +145,9 @@ class Symbols:
                 if by not in (self.model.geometry.names or ()):
                     continue
                 for k in range(variable.dimension):
-                    load = f"{step}.touch.{by}[{k}]{suffix}"
+                    load = f"{step}.{record}.{by}[{k}]{suffix}"
                     derivatives[first_column + place.start + k] = self._number(f"{label}_by_{variable.field}{k}", load)
-            symbols.append(self._number(label, f"{step}.touch.{name}{suffix}", derivatives))
+            symbols.append(self._number(label, f"{step}.{record}.{name}{suffix}", derivatives))
         return Vector(*symbols) if is_vector else symbols[0]
 
     def _shared(self, variable: Variable) -> Any:

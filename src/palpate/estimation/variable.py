@@ -30,11 +30,20 @@ class Variable:
     change: tuple[float, float] = (0.0, 0.0)
     """Change of a variable of the object from one contact to the next, and in each step of a contact, as shares of the
     prior's standard deviation."""
+    finger: int = 0
+    """Number of the finger whose contact it belongs to, in a model of several."""
+    base: str = ""
+    """Name by which factors of its finger and settings know it; by default its own."""
 
     def __post_init__(self) -> None:
         allowed = (3,) if self.scope == "step" else (1, 2)
         if self.dimension not in allowed:
             raise SettingError(f"variable {self.name!r} has dimension {self.dimension}; allowed are {allowed}")
+
+    @property
+    def known_as(self) -> str:
+        """Name by which factors of its finger and settings know it."""
+        return self.base or self.name
 
     @property
     def field(self) -> str:

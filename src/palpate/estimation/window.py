@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from palpate.arrays import Array, Flags
 from palpate.errors import EstimationError
 from palpate.estimation.compiled_model import CompiledModel, Given
+from palpate.estimation.model import Model
 from palpate.estimation.rows import Indices
 from palpate.types.measurements import OwnMeasurement
 
@@ -65,6 +66,11 @@ class Window:
         self._terms = np.empty((0, compiled.term_size))
         self._own = own
         self._own.given = []
+
+    @property
+    def model(self) -> Model:
+        """Variables and factors."""
+        return self._compiled.model
 
     def take(self, rows: Indices) -> None:
         """Keep these rows, in this order; a row may be taken several times."""

@@ -9,6 +9,7 @@ Disturbances are tested in `proposals/shove.py`, ambiguity and uncertainty in `p
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +37,15 @@ _FRAMES_TO_CONTRADICT = 3
 """Frames that must contradict, among those remembered, before it counts."""
 
 
+class Tip(NamedTuple):
+    """A sensor, or a finger of a hand, at a pose."""
+
+    model: ContactModel
+    """Its contact model."""
+    pose: Array
+    """Its pose in the world (3,), or in each hypothesis (B, 3) [m, m, rad]."""
+
+
 class ConsistencyMonitor:
     """The tests, for one object and sensor. Those named `test_...` return the hypotheses with their results."""
 
@@ -50,18 +60,18 @@ class ConsistencyMonitor:
         self.set_up_covariance: Array = self._about_centroid(np.square(settings.sensor_pose.calibration))
         """Covariance of the constant offset between sensor, world and outline, (3, 3)."""
 
-    def clearance(self, belief: Belief, sensor_pose: Array) -> tuple[Array, Array]:
-        """Return the estimated distance of a sensor pose (3,) from the object and its deviation, (B,) each [m]."""
-        gap, by_belief = clearances(belief, self._model, sensor_pose[None])
+    def clearance(self, belief: Belief, tip: Tip) -> tuple[Array, Array]:
+        """Return the estimated distance of a tip from the object and its deviation, (B,) each [m]."""
+        gap, by_belief = clearances(belief, tip.model, tip.pose[..., None, :])
         variance = belief.variances(by_belief)[:, 0] + self._contact_deviation**2
         return gap[:, 0], np.sqrt(variance)
 
-    def test_rest(self, rows: Hypotheses, sensor_pose: Array, touched: Array) -> Hypotheses:
-        """Test that a sensor that touches nothing is outside the object, and that it moved away from it at a release.
+    def test_rest(self, rows: Hypotheses, tip: Tip, touched: Array) -> Hypotheses:
+        """Test that a tip that touches nothing is outside the object, and that it moved away from it at a release.
 
-        `touched` is its last pose in contact (3,).
+        `touched` is its last pose in contact (3,) or (B, 3).
         """
-        gaps, by_belief = clearances(rows.belief, self._model, np.stack([sensor_pose, touched]))
+        gaps, by_belief = clearances(rows.belief, tip.model, np.stack([tip.pose, touched], axis=-2))
         now = gaps[:, 0]
         before = gaps[:, 1]
         if (now >= np.maximum(before, 0.0)).all():
@@ -74,9 +84,14 @@ class ConsistencyMonitor:
         followed = np.where(now < before - UNLIKELY * deviation_of_motion, SHOVE_SIGMA, 0.0)
         return rows.displaced(np.maximum(inside, followed))
 
-    def test_first_contact(self, rows: Hypotheses, sensor_pose: Array) -> Hypotheses:
+    def test_outside(self, rows: Hypotheses, tip: Tip) -> Hypotheses:
+        """Test that a tip that touches nothing is outside the object."""
+        gap, deviation = self.clearance(rows.belief, tip)
+        return rows.displaced(np.where(gap < -UNLIKELY * deviation, -gap, 0.0))
+
+    def test_first_contact(self, rows: Hypotheses, tip: Tip) -> Hypotheses:
         """Test that a contact begins where the object's outline is."""
-        gap, deviation = self.clearance(rows.belief, sensor_pose)
+        gap, deviation = self.clearance(rows.belief, tip)
         distance = np.abs(gap)
         return rows.displaced(np.where(distance > UNLIKELY * deviation, distance, 0.0))
 
@@ -101,12 +116,14 @@ class ConsistencyMonitor:
             most_deviations = np.maximum(deviations, most_deviations)
         return replace(rows, contradictions=_with_frame(rows.contradictions, _POSES, distance, most_deviations))
 
-    def test_outline(self, rows: Hypotheses, sensor_pose: Array, is_measured: bool) -> Hypotheses:
+    def test_outline(self, rows: Hypotheses, touching: Sequence[Tip], is_measured: bool) -> Hypotheses:
         """Test that the outline is at the contact if the object's pose is measured, or where it was not until now."""
         is_tested = np.asarray(is_measured | (rows.contradictions[:, _OUTLINE] > 0.0).any(axis=1))
-        gap, deviation = self.clearance(rows.belief.inflated(self.set_up_covariance), sensor_pose)
-        distance = np.abs(gap)
-        tested = _with_frame(rows.contradictions, _OUTLINE, distance, distance / deviation)
+        known = rows.belief.inflated(self.set_up_covariance)
+        distances = np.abs([self.clearance(known, tip) for tip in touching])  # and deviations, (K, 2, B)
+        distance = distances[:, 0].max(axis=0)
+        deviations = (distances[:, 0] / distances[:, 1]).max(axis=0)
+        tested = _with_frame(rows.contradictions, _OUTLINE, distance, deviations)
         return replace(rows, contradictions=np.where(is_tested[:, None, None], tested, rows.contradictions))
 
     def test_variables(self, rows: Hypotheses) -> Hypotheses:

@@ -12,12 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.config import TrackerSettings
+from palpate.config import Priors, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.estimation.window import LAG
+from palpate.geometry import se2
 from palpate.hypotheses.bank import HypothesisBank
-from palpate.hypotheses.consistency import ConsistencyMonitor
+from palpate.hypotheses.consistency import ConsistencyMonitor, Tip
 from palpate.hypotheses.outline_places import is_round, outline_places
 from palpate.hypotheses.posterior import Circumstances, Posterior, Tolerance, Touching, posterior_of
 from palpate.hypotheses.proposals.contact_places import MOST_PLACES, is_rough
@@ -38,7 +39,7 @@ from palpate.hypotheses.weigher import Weigher, cost_of_contact
 from palpate.models.pushing.belief import Belief, clearances
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel
-from palpate.models.pushing.measurements import Step, step_of, timely
+from palpate.models.pushing.measurements import Fingers, OfFinger, Step, step_of, timely
 from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
@@ -63,17 +64,19 @@ class MultiHypothesisFilter:
         first_covariance: Array,
         may_be_mirrored: bool = False,
         compiled: CompiledModel = PUSHING,
+        priors_of_fingers: tuple[Priors, ...] = (),
     ) -> None:
         """Take the first world_T_object (3,) and its covariance (3, 3).
 
-        `compiled` are the variables and factors of pushing, or those of an extended model.
+        `compiled` are the variables and factors of pushing, or those of an extended model. `priors_of_fingers` are
+        those of the fingers of a hand; then `may_be_mirrored` asks if two fingers may be exchanged.
         """
         self._contact_model = model
         self._settings = settings.noise
         self._most = settings.hypotheses
         self._disturbance_rate = settings.disturbance_rate  # [1/s]
         self._compiled = compiled
-        self._prior = object_prior(settings.noise.priors, compiled.model)
+        self._prior = object_prior(settings.noise.priors, compiled.model, priors_of_fingers)
         self._settings_record = settings_record(settings.noise, model)
         self._lag = LAG if settings.smoother == "fixed-lag" else _UNLIMITED_LAG
         length, angle = settings.tolerance
@@ -84,8 +87,9 @@ class MultiHypothesisFilter:
         self._rest_graph = Graph(self._settings_record, model, self._own, compiled)
         self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
-        """True if touch images are taken as turned by half a turn or mirrored."""
-        outline_places(model)  # computed now, not when a contact begins
+        """True if touch images are taken as turned by half a turn or mirrored, those of a hand as of exchanged fingers."""
+        for tip in model.fingers or (model,):
+            outline_places(tip)  # computed now, not when a contact begins
         self.begin(first_pose, first_covariance)
 
     def begin(self, pose: Array, covariance: Array) -> None:
@@ -97,7 +101,8 @@ class MultiHypothesisFilter:
         # The object is found once there was one hypothesis that is sure.
         self._is_found = not is_rough(belief, self._contact_model)[0]
         self._sensor_pose: Array | None = None  # at the last frame
-        self._touched: Array | None = None  # sensor pose at the last frame of contact
+        self._fingers: Fingers | None = None  # of a hand, at the last frame
+        self._touched: tuple[Array, Fingers | None] | None = None  # pose and fingers at the last frame of contact
         self._has_begun_anew = False
         self._begin_rest()
 
@@ -107,17 +112,36 @@ class MultiHypothesisFilter:
         self._times: Sequence[float] = []  # of the last frames of a contact [s]
         self._steps = 0  # of a contact
 
-    def clearance(self, sensor_pose: Array) -> Clearance:
-        """Return the predicted distance of a sensor pose (3,) from the object."""
-        gap, deviation = self._monitor.clearance(self._bank.rows.belief, sensor_pose)
+    def clearance(self, sensor_pose: Array, finger: int = 0) -> Clearance:
+        """Return the predicted distance of a sensor, or a finger of a hand, at a pose (3,) from the object."""
+        gap, deviation = self._monitor.clearance(self._bank.rows.belief, Tip(self._model_of(finger), sensor_pose))
         return Clearance(float(gap[0]), float(deviation[0]))
 
-    def withdrawal(self, sensor_pose: Array) -> float:
-        """Return the motion of the sensor out of the object since the last frame, if the object rests [m]."""
-        if self._sensor_pose is None:
+    def withdrawal(self, sensor_pose: Array, finger: int = 0) -> float:
+        """Return the motion of a sensor or finger out of the object since the last frame, if the object rests [m]."""
+        before = self._sensor_pose
+        if before is None:
             return 0.0
-        gap, _ = clearances(self._bank.rows.belief, self._contact_model, np.stack([self._sensor_pose, sensor_pose]))
+        if self._fingers is not None:
+            before = se2.compose(before, self._fingers.mounts[finger])
+        gap, _ = clearances(self._bank.rows.belief, self._model_of(finger), np.stack([before, sensor_pose]))
         return float(gap[0, 1] - gap[0, 0])
+
+    def _model_of(self, finger: int) -> ContactModel:
+        """Return the contact model of the sensor, or of a finger of a hand."""
+        return self._contact_model.fingers[finger] if self._contact_model.fingers else self._contact_model
+
+    def _tips(self, rows: Hypotheses, sensor_pose: Array, fingers: Fingers | None) -> list[Tip]:
+        """Return the sensor, or the fingers of a hand, at their poses in the hypotheses."""
+        if fingers is None:
+            return [Tip(self._contact_model, sensor_pose)]
+        poses = se2.compose(sensor_pose, fingers.mounts_in(rows.touch_sign))
+        return [Tip(model, poses[:, number]) for number, model in enumerate(self._contact_model.fingers)]
+
+    def _touching_tips(self, rows: Hypotheses, step: Step) -> list[Tip]:
+        """Return the sensor, or the fingers of a hand that touch, at their poses in the hypotheses."""
+        tips = self._tips(rows, step.sensor_pose, step.fingers)
+        return tips if step.fingers is None else [tips[k] for k in np.flatnonzero(step.fingers.touches)]
 
     def variable(self, name: str) -> tuple[Array, Array]:
         """Return mean and standard deviation, (D,) each, of a variable of the object in the best hypothesis.
@@ -132,18 +156,26 @@ class MultiHypothesisFilter:
         return belief.values[0, places[name]].copy(), np.sqrt(variances[places[name]])
 
     def step(
-        self, frame: Frame, from_touch: Sequence[Measurement] = (), hidden_motion: float = 0.0, sunk: float = 0.0
+        self,
+        frame: Frame,
+        from_touch: Sequence[Measurement] = (),
+        hidden_motion: float = 0.0,
+        sunk: float = 0.0,
+        fingers: Fingers | None = None,
+        of_fingers: Sequence[OfFinger] = (),
     ) -> Posterior:
         """Take a frame, with measurements that were read from touch images, which may be mirrored.
 
         Since the last frame the sensor may have moved by `hidden_motion` [m]; its tip has `sunk` in by so much [m]
-        more than usual. Raises EstimationError if measurements at rest leave no solution, with nothing changed, or if a
+        more than usual. A frame of a hand comes with its `fingers`, and measurements `of_fingers` that their images
+        show. Raises EstimationError if measurements at rest leave no solution, with nothing changed, or if a
         contact has none at its first frame: the next frame then begins another.
         """
         if frame.contact:
-            self._contact_step(frame.sensor_pose, [*from_touch, *frame.measurements], frame.time, len(from_touch), sunk)
+            every = [*from_touch, *of_fingers, *frame.measurements]
+            self._contact_step(Step(frame.sensor_pose, every, len(from_touch), (frame.time,), sunk, fingers))
         else:
-            self._rest_step(frame.sensor_pose, frame.measurements, frame.time)
+            self._rest_step(frame.sensor_pose, frame.measurements, frame.time, fingers)
         circumstances = Circumstances(hidden_motion, self._has_begun_anew, self.is_mirrored)
         return posterior_of(self._bank.rows, self._touching(), self._monitor, self._tolerance, circumstances)
 
@@ -174,7 +206,9 @@ class MultiHypothesisFilter:
         touch = window.last(0)["touch"]
         return Touching(complex(touch["point"]), complex(touch["normal"]), window.rows["innovations"][0].copy())
 
-    def _rest_step(self, sensor_pose: Array, measurements: Sequence[Measurement], time: float) -> None:
+    def _rest_step(
+        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, fingers: Fingers | None
+    ) -> None:
         """Take a frame in which nothing touches the object: it stays where it is, unless measurements say otherwise."""
         since = time if self._resting_since is None else self._resting_since
         rows = self._bank.rows
@@ -183,21 +217,30 @@ class MultiHypothesisFilter:
             rows = measured.rows
             if measured.measures_pose:  # the object may be elsewhere, where the last contact tests nothing
                 self._touched = None
-        touched = sensor_pose if self._touched is None else self._touched
-        self._bank.rows = self._monitor.test_rest(rows, sensor_pose, touched)
+        self._bank.rows = self._tested_at_rest(rows, sensor_pose, fingers)
         self._sensor_pose = sensor_pose
+        self._fingers = fingers
         self._resting_since = since
         self._has_begun_anew = False
 
-    def _contact_step(
-        self, sensor_pose: Array, measurements: Sequence[Measurement], time: float, from_touch: int, sunk: float
-    ) -> None:
+    def _tested_at_rest(self, rows: Hypotheses, sensor_pose: Array, fingers: Fingers | None) -> Hypotheses:
+        """Return the hypotheses with the tests that what touches nothing is outside the object."""
+        touched_pose, touched_by = (sensor_pose, fingers) if self._touched is None else self._touched
+        tips = self._tips(rows, sensor_pose, fingers)
+        before = self._tips(rows, touched_pose, touched_by)
+        has_touched = [True] if touched_by is None else touched_by.touches.tolist()
+        for tip, last, touched in zip(tips, before, has_touched, strict=True):
+            rows = self._monitor.test_rest(rows, tip, last.pose) if touched else self._monitor.test_outside(rows, tip)
+        return rows
+
+    def _contact_step(self, given: Step) -> None:
         """Take a frame of contact, whose first `from_touch` measurements are read from touch images.
 
         If the graph has no solution, another one begins with this frame from the best last pose.
         """
+        time = given.times[-1]
         times = [*self._times, time]
-        step = Step(sensor_pose, timely(measurements, times), from_touch, times, sunk)
+        step = replace(given, measurements=timely(given.measurements, times), times=times)
         window = self._bank.window
         try:
             measures_pose = self._begin_contact(step) if window is None else self._continue_contact(step, window)
@@ -210,8 +253,8 @@ class MultiHypothesisFilter:
             if window is None:
                 raise EstimationError(reason) from error
             logger.warning("%s; starting a new graph from the last pose", reason)
-            self._abandon_contact(sensor_pose)
-            self._contact_step(sensor_pose, measurements, time, from_touch, sunk)
+            self._abandon_contact(step.sensor_pose)
+            self._contact_step(given)
             return
         assert self._bank.window is not None
         self._after_solution(step, self._bank.window, measures_pose)
@@ -225,7 +268,8 @@ class MultiHypothesisFilter:
         measures_pose = any(isinstance(one, ObjectPose) for one in step.measurements)
         if self._may_be_mirrored and _is_read_from_touch(step) and (bank.rows.touch_sign > 0.0).all():
             bank.rows = propose_mirrored(bank.rows)
-        bank.rows = self._monitor.test_first_contact(bank.rows, step.sensor_pose)
+        for tip in self._touching_tips(bank.rows, step):
+            bank.rows = self._monitor.test_first_contact(bank.rows, tip)
         bank.rows = self._with_places(bank.rows, step)
         bank.rows = bank.rows.with_yaw_held_out(is_observable=measures_pose or not is_round(self._contact_model))
         bank.window = ContactWindow(
@@ -273,12 +317,14 @@ class MultiHypothesisFilter:
             disturbed_steps_left=np.maximum(bank.rows.disturbed_steps_left - 1, 0),
         )
         if measures_pose or bank.rows.contradictions.any():
-            bank.rows = self._monitor.test_outline(bank.rows, step.sensor_pose, measures_pose)
+            touching = self._touching_tips(bank.rows, step)
+            bank.rows = self._monitor.test_outline(bank.rows, touching, measures_pose)
         bank.rows = self._monitor.test_variables(bank.rows)
         self._times = step.times[-LAG:]
         self._steps += 1
         self._sensor_pose = step.sensor_pose
-        self._touched = step.sensor_pose
+        self._fingers = step.fingers
+        self._touched = (step.sensor_pose, step.fingers)
         if self._most > 1:
             self._branch_at_alarms(window)
             self._weigh_and_reduce(window)
@@ -359,5 +405,6 @@ class MultiHypothesisFilter:
 
 
 def _is_read_from_touch(step: Step) -> bool:
-    """Return True if a contact direction was read from touch images."""
-    return any(isinstance(one, ContactDirection) for one in step.measurements[: step.from_touch])
+    """Return True if a contact direction was read from touch images, of a hand any of its fingers' directions."""
+    of_fingers = [one.measurement for one in step.measurements if isinstance(one, OfFinger)]
+    return any(isinstance(one, ContactDirection) for one in (*step.measurements[: step.from_touch], *of_fingers))

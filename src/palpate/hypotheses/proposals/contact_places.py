@@ -50,11 +50,6 @@ class BeliefsAtPlaces:
         return BeliefsAtPlaces(self.belief.take(indices), self.parent[indices], self.log_likelihood[indices])
 
 
-def leaves_several_places(belief: Belief, touch_sign: Array, model: ContactModel, step: Step) -> Flags:
-    """Return True (B,) for beliefs that are rough, or that the measured direction of the contact contradicts."""
-    return is_rough(belief, model) | _is_contradicted(belief, touch_sign, model, step)
-
-
 def is_rough(belief: Belief, model: ContactModel, limit: ArrayLike = _ROUGH_SIGMA) -> Flags:
     """Return True (B,) for beliefs with larger standard deviations than the limit (3,) [m, m, rad] at the centroid.
 
@@ -66,7 +61,7 @@ def is_rough(belief: Belief, model: ContactModel, limit: ArrayLike = _ROUGH_SIGM
     return np.any(is_larger[:, :2] if is_round(model) else is_larger, axis=1)
 
 
-def _is_contradicted(belief: Belief, touch_sign: Array, model: ContactModel, step: Step) -> Flags:
+def is_contradicted(belief: Belief, touch_sign: Array, model: ContactModel, step: Step) -> Flags:
     """Return True (B,) where the measured direction of the contact is unlikely, as on the wrong side of a corner."""
     directions = step.directions(belief, touch_sign)
     if not directions or is_round(model):
@@ -188,7 +183,7 @@ def _contacts(belief: Belief, touch_sign: Array, model: ContactModel, step: Step
     """Return the contacts that are tried, with the indentation that is expected of each belief."""
     center, normal = outline_places(model)
     arm = center - model.radius * normal - model.friction_center
-    indentation = belief[DEPTH] - belief[OUTLINE_SCALE] * (normal.conjugate() * arm).real
+    indentation = belief.of_finger(DEPTH, model.finger) - belief[OUTLINE_SCALE] * (normal.conjugate() * arm).real
     center = center - indentation * normal
     normal = np.broadcast_to(normal, center.shape)
     directions = step.directions(belief, touch_sign)

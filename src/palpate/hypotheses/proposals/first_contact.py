@@ -12,11 +12,10 @@ from palpate.hypotheses.proposals.contact_places import (
     LOG_ODDS_OF_STAYING,
     MOST_PLACES,
     BeliefsAtPlaces,
-    beliefs_at_places,
     choose_beliefs,
-    leaves_several_places,
 )
 from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
+from palpate.hypotheses.proposals.hand_places import leaves_several_places, places_of_contact
 from palpate.hypotheses.rows import Hypotheses, origins
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import ContactModel
@@ -33,7 +32,7 @@ def propose_first_contact(
     """
     is_displaced = rows.displacement > 0.0
     is_open = leaves_several_places(displaced, rows.touch_sign, model, step)
-    places = beliefs_at_places(displaced, np.flatnonzero(is_open), rows.touch_sign, model, step, is_guess=is_displaced)
+    places = places_of_contact(displaced, np.flatnonzero(is_open), rows.touch_sign, model, step, is_guess=is_displaced)
     has_places = np.bincount(places.parent, minlength=len(rows)) > 0
     # Where there are other places, the hypothesis that is kept says that nothing has moved the object.
     kept = replace(

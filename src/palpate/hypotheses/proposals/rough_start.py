@@ -12,13 +12,12 @@ from palpate.hypotheses.proposals.contact_places import (
     LOG_ODDS_OF_STAYING,
     MOST_PLACES,
     BeliefsAtPlaces,
-    beliefs_at_places,
     choose_beliefs,
     is_rough,
-    leaves_several_places,
 )
 from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
 from palpate.hypotheses.reducer import POOR_WEIGHT, merged
+from palpate.hypotheses.proposals.hand_places import leaves_several_places, places_of_contact
 from palpate.hypotheses.rows import Hypotheses, origins
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import ContactModel
@@ -38,7 +37,7 @@ def propose_rough_start(
     """
     is_open = leaves_several_places(displaced, rows.touch_sign, model, step)
     no_guess = np.zeros(len(rows), np.bool_)
-    everywhere = beliefs_at_places(displaced, np.arange(len(rows)), rows.touch_sign, model, step, is_guess=no_guess)
+    everywhere = places_of_contact(displaced, np.arange(len(rows)), rows.touch_sign, model, step, is_guess=no_guess)
     places = everywhere.take(np.flatnonzero(is_open[everywhere.parent]))
     kept = replace(
         rows,

@@ -5,14 +5,16 @@ An alarm is a contradiction between touch and pushing. The hypothesis in which n
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
+from palpate.estimation.model import Model
 from palpate.hypotheses.rows import Hypotheses, origins
 from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.models.pushing.belief import Belief
-from palpate.models.pushing.layout import NAMES
+from palpate.models.pushing.hand import names_of
 from palpate.models.pushing.window import ContactWindow
 
 SHOVE_SIGMA = 0.012
@@ -26,7 +28,6 @@ _SLIDES = np.array((0.0, 0.018, -0.018, 0.036, -0.036))
 ALARM_LIMITS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
 """Mean squares of the innovations of the last steps [variances] from which something else may have moved the object.
 Where nothing did, directions reach theirs 2.6 times a minute of contact, others less (`docs/study/alarms.json`)."""
-_WATCHED_FACTORS = [NAMES.index(name) for name in ALARM_LIMITS]
 _LIMITS = np.array([*ALARM_LIMITS.values()])
 
 
@@ -50,8 +51,15 @@ class Shove:
 
 def disturbance_alarms(window: ContactWindow) -> Flags:
     """Return True (B,) where touch and pushing contradict each other."""
-    mean_squares = window.rows["surprise"][:, _WATCHED_FACTORS]
-    return np.asarray((mean_squares > _LIMITS).any(axis=1))
+    watched = _watched_factors(window.model)
+    mean_squares = window.rows["surprise"][:, watched].reshape(len(window.rows), -1, len(_LIMITS))
+    return np.asarray((mean_squares > _LIMITS).any(axis=(1, 2)))
+
+
+@cache
+def _watched_factors(model: Model) -> list[int]:
+    """Return the places of the factors that are watched, for each finger in the order of ALARM_LIMITS."""
+    return [model.names.index(name) for name in names_of(ALARM_LIMITS, model)]
 
 
 def propose_shove(rows: Hypotheses, alarms: Flags, step: int) -> Shove | None:

@@ -9,12 +9,12 @@ from palpate.estimation.rows import RowArrays
 from palpate.estimation.variable import Variable
 from palpate.geometry import se2
 from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.hand import hand_model, variable_of
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.priors import ObjectPrior
 from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
 _IN_OBJECT = MODEL.in_object
-_DEPTH = 3 + _IN_OBJECT[DEPTH].start
 _SCALE = 3 + _IN_OBJECT[OUTLINE_SCALE].start
 _TANGENT = 3  # numbers of a pose
 
@@ -33,6 +33,10 @@ class Belief(RowArrays):
     def __getitem__(self, variable: Variable) -> Array:
         """Return a variable of pushing that belongs to the object, (B, dimension)."""
         return self.values[:, _IN_OBJECT[variable]]
+
+    def of_finger(self, variable: Variable, finger: int) -> Array:
+        """Return the variable of a finger of a hand that is this one of a single sensor, (B, dimension)."""
+        return self.values[:, place_of(variable, finger)]
 
     def __len__(self) -> int:
         return len(self.pose)
@@ -66,6 +70,13 @@ class Belief(RowArrays):
         return Belief(self.pose, prior.mean + keeps * (self.values - prior.mean), joint)
 
 
+def place_of(variable: Variable, finger: int) -> slice:
+    """Return the place of a finger's variable among those of the object, the same with any number of further fingers."""
+    if finger == 0:
+        return _IN_OBJECT[variable]
+    return hand_model(finger + 1).in_object[variable_of(variable, finger)]
+
+
 def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tuple[Array, Array]:
     """Return the distances (B, P) [m] of sensor poses (P, 3) from the object, and their derivatives by the belief.
 
@@ -85,6 +96,7 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     derivative[..., 0] = -force.real
     derivative[..., 1] = -force.imag
     derivative[..., 2] = -by_g[..., 2] - (position.conj() * force).imag
-    derivative[..., _DEPTH] = 1.0
+    depth = place_of(DEPTH, model.finger)
+    derivative[..., 3 + depth.start] = 1.0
     derivative[..., _SCALE] = -extent
-    return gap + belief[DEPTH] - belief[OUTLINE_SCALE] * extent, derivative
+    return gap + belief.values[:, depth] - belief[OUTLINE_SCALE] * extent, derivative

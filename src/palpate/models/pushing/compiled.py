@@ -2,10 +2,11 @@
 
 import importlib.util
 import sys
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from palpate.compiled import hash_of
+from palpate.compiled import cache_folder, hash_of
 from palpate.errors import SettingError
 from palpate.estimation.compiled_model import CompiledModel, functions_of
 from palpate.estimation.gauss_newton import make_improve
@@ -13,7 +14,8 @@ from palpate.estimation.model import Model
 from palpate.estimation.records import record_types
 from palpate.files import whole_file
 from palpate.models import generated
-from palpate.models.pushing import force, step
+from palpate.models.pushing import force, hand_step, step
+from palpate.models.pushing.hand import hand_model
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.settings import SETTINGS
 
@@ -23,6 +25,7 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
 
     `name` tells models apart where compiled code is kept.
     """
+    is_hand = model.fingers > 0
     functions = functions_of(
         model,
         move_step=code.move_step,
@@ -30,9 +33,9 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         difference=code.difference,
         linearise_step=code.linearise_step,
         linearise_measured=code.linearise_measured,
-        prepare_step=step.prepare_step,
-        prepare_process=force.make_put_force(model),
-        prepare_last=force.make_put_last_force(model),
+        prepare_step=hand_step.prepare_hand_step if is_hand else step.prepare_step,
+        prepare_process=hand_step.make_put_hand_force(model) if is_hand else force.make_put_force(model),
+        prepare_last=hand_step.make_put_last_hand_force(model) if is_hand else force.make_put_last_force(model),
         put_object=step.put_object,
         put_object_derivative=step.put_object_derivative,
     )
@@ -40,7 +43,7 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         model=model,
         records=record_types(model),
         improve=make_improve(functions, name),
-        begin_step=step.begin_step,
+        begin_step=hand_step.begin_hand_step if is_hand else step.begin_step,
     )
 
 
@@ -67,10 +70,34 @@ def extended_pushing(model: Model, path: Path | str) -> CompiledModel:
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             with whole_file(path, overwrite=True) as part:
                 part.write_text(text, encoding="utf-8")
+    return compiled_model(model, _loaded(path), f"{path.stem}_{hash_of(path)}")
+
+
+@cache
+def hand_pushing(fingers: int) -> CompiledModel:
+    """Return the model of pushing with so many fingers, two or more, for compiled code.
+
+    That of two comes with palpate. For more, SymPy writes the code where compiled code is kept, once; raises
+    SettingError without SymPy, or where nothing can be kept.
+    """
+    model = hand_model(fingers)
+    if fingers == 2:
+        from palpate.models import generated_two_fingers
+
+        return compiled_model(model, generated_two_fingers, "two_fingers")
+    folder = cache_folder(PUSHING.improve)
+    if not folder:
+        raise SettingError(f"a hand of {fingers} fingers needs a folder in which compiled code is kept: NUMBA_CACHE_DIR")
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    return extended_pushing(model, Path(folder) / f"palpate_{fingers}_fingers.py")
+
+
+def _loaded(path: Path) -> ModuleType:
+    """Return the module in a file of generated code."""
     spec = importlib.util.spec_from_file_location(f"palpate_generated_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise SettingError(f"{path}: is no Python file; its name must end in .py")
     code = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = code  # where Numba looks for it when it loads compiled code
     spec.loader.exec_module(code)
-    return compiled_model(model, code, f"{path.stem}_{hash_of(path)}")
+    return code

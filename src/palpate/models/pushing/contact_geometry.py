@@ -12,9 +12,10 @@ of pressure of an elastic foundation (K. L. Johnson, "Contact Mechanics", 1985, 
 
 import dataclasses
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,10 @@ class ContactModel:
     corners: Array = dataclasses.field(default_factory=lambda: np.empty((0, 4)))
     """Corners that stick out (K, 4): x, y [m], direction of the inward bisector, and half the angle between the normals
     of the sides [rad], object frame."""
+    fingers: "tuple[ContactModel, ...]" = ()
+    """Contact models of the fingers of a hand, each in its own frame; the hand itself has no parts."""
+    finger: int = 0
+    """Number of the finger in a hand."""
 
     @cached_property
     def center(self) -> complex:
@@ -99,6 +104,11 @@ class ContactModel:
     def centroid_poses(self, poses: Array) -> Array:
         """Return poses (..., 3) of the object moved to its centroid."""
         return se2.compose(poses, np.array((self.friction_center.real, self.friction_center.imag, 0.0)))
+
+    @cached_property
+    def surfaces(self) -> Any:
+        """What compiled code takes: the surface of the sensor, or those of all fingers."""
+        return tuple(finger.surface for finger in self.fingers) if self.fingers else self.surface
 
     @cached_property
     def surface(self) -> Surface:
@@ -131,6 +141,13 @@ def contact_model(shape: Shape, sensor: SensorProfile) -> ContactModel:
     return ContactModel(field, parts, sensor.radius, c, complex(*shape.centroid.tolist()), span, _corners(shape))
 
 
+def hand_contact_model(shape: Shape, sensors: Sequence[SensorProfile]) -> ContactModel:
+    """Return the contact model of a hand and an object: that of the object, with one for each finger's sensor."""
+    models = [contact_model(shape, sensor) for sensor in sensors]
+    fingers = tuple(replace(model, finger=number) for number, model in enumerate(models))
+    return replace(models[0], parts=np.zeros(0, np.complex128), span=0.0, fingers=fingers)
+
+
 def _corners(shape: Shape) -> Array:
     if isinstance(shape, Disc | Ellipse):
         return np.empty((0, 4))
@@ -159,6 +176,25 @@ def put_touch(place: complex, turn: complex, surface: Surface, touch: Records) -
     for i in range(len(surface.parts)):
         _put_round(place, turn, surface.parts[i], surface, surface.each[i])
     _put_mean(surface.each, touch)
+
+
+@kernel
+def put_touch_of_finger(
+    place: complex, turn: complex, mount: complex, mount_turn: complex, surface: Surface, touch: Records
+) -> None:
+    """Write the geometry of a finger that is mounted in a hand at a pose, at the hand's pose in the object frame.
+
+    The material point is in the finger's frame; derivatives are by the hand's pose.
+    """
+    if len(surface.parts) == 1:
+        _put_round(place, turn, mount + mount_turn * surface.parts[0], surface, touch)
+    else:
+        for i in range(len(surface.parts)):
+            _put_round(place, turn, mount + mount_turn * surface.parts[i], surface, surface.each[i])
+        _put_mean(surface.each, touch)
+    touch.material = mount_turn.conjugate() * (touch.material - mount)
+    for c in range(3):
+        touch.material_by_g[c] *= mount_turn.conjugate()
 
 
 @kernel

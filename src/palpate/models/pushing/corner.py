@@ -24,10 +24,21 @@ def nearest_corner(now: Records, corners: Array) -> tuple[float, float, float]:
 
     Corners (K, 4) are those of `ContactModel.corners`.
     """
+    return _corner_nearest_to(now.touch.point, corners)
+
+
+@kernel
+def nearest_corner_of(now: Records, finger: int, corners: Array) -> tuple[float, float, float]:
+    """Return the same of the contact of a finger."""
+    return _corner_nearest_to(now.touch_of[finger].point, corners)
+
+
+@kernel
+def _corner_nearest_to(point: complex, corners: Array) -> tuple[float, float, float]:
     nearest = -1
     least = math.inf
     for i in range(len(corners)):
-        distance = abs(now.touch.point - complex(corners[i, 0], corners[i, 1]))
+        distance = abs(point - complex(corners[i, 0], corners[i, 1]))
         if distance < least:
             nearest = i
             least = distance

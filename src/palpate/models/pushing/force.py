@@ -21,9 +21,25 @@ EASING = 0.25
 often."""
 
 
+def make_motion(model: Model) -> Any:
+    """Return the compiled function of a model of pushing that gives the motion of the centre of friction."""
+    center_at = model.in_shared[FRICTION_CENTER].start
+
+    @kernel
+    def motion(steps: Records, k: int, row: Records, settings: Records) -> complex:
+        """Return the motion over the steps around step k [m], in the world."""
+        last = steps[min(k + NEIGHBOURS, len(steps)) - 1]
+        first = steps[max(k - NEIGHBOURS, 0)]
+        shift = complex(row.shared[center_at], row.shared[center_at + 1])
+        center = settings.support.center + settings.support.radius * shift
+        return _in_world(last, center) - _in_world(first, center)
+
+    return motion
+
+
 def make_force_angle(model: Model) -> Any:
     """Return the compiled function of a model of pushing that gives the angle of the pushing force."""
-    center_at = model.in_shared[FRICTION_CENTER].start
+    motion = make_motion(model)
 
     @kernel
     def force_angle(steps: Records, k: int, row: Records, settings: Records) -> float:
@@ -34,11 +50,7 @@ def make_force_angle(model: Model) -> Any:
         if k == 0:
             return math.nan
         now = steps[k]
-        last = steps[min(k + NEIGHBOURS, len(steps)) - 1]
-        first = steps[max(k - NEIGHBOURS, 0)]
-        shift = complex(row.shared[center_at], row.shared[center_at + 1])
-        center = settings.support.center + settings.support.radius * shift
-        moved = _in_world(last, center) - _in_world(first, center)
+        moved = motion(steps, k, row, settings)
         inward = -now.touch.normal * now.turn_e * now.turn_g.conjugate()
         along = moved * inward.conjugate()
         return math.atan2(along.imag, along.real)

@@ -3,11 +3,13 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Flags
 from palpate.estimation.compiled_model import CompiledModel
+from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.variables import DIRECTION_BIAS, DIRECTION_SCALE
 from palpate.types.measurements import ContactDirection, Measurement, OwnMeasurement
@@ -20,12 +22,39 @@ _NO_ROOT = 9 * (0.0,)
 
 
 @dataclass(frozen=True, eq=False)
+class OfFinger:
+    """A measurement by touch of one finger of a hand."""
+
+    finger: int
+    """Number of the finger."""
+    measurement: Measurement
+    time: float | None = None
+    """Time of its image [s]; None for that of its frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fingers:
+    """N fingers of a hand at one step."""
+
+    mounts: Array
+    """hand_T_finger, (N, 3) [m, m, rad]."""
+    touches: Flags
+    """True for those that touch, (N,)."""
+    sunk: Array
+    """Indentation beyond the usual one, as the imprint shows it, (N,) [m]."""
+
+    def mounts_in(self, sign: Array) -> Array:
+        """Return the mounts (B, N, 3) in hypotheses, of which those with sign (B,) -1 take fingers as exchanged."""
+        return np.where(np.asarray(sign)[:, None, None] < 0.0, self.mounts[::-1], self.mounts)
+
+
+@dataclass(frozen=True, eq=False)
 class Step:
     """Input of one step of a contact."""
 
     sensor_pose: Array
     """Measured world_T_sensor, (3,) [m, m, rad]."""
-    measurements: Sequence[Measurement] = ()
+    measurements: Sequence[Measurement | OfFinger] = ()
     """Measurements from touch and other sources, those of other times near one of `times`."""
     from_touch: int = 0
     """Number of leading measurements that were read from touch images, which may be mirrored."""
@@ -33,14 +62,26 @@ class Step:
     """Times of the last steps, this one last [s]."""
     sunk: float = 0.0
     """Indentation beyond the usual one, as the imprint shows it [m]."""
+    fingers: Fingers | None = None
+    """Fingers of a hand, of which `sensor_pose` is the pose; None for one sensor."""
+    finger: int = 0
+    """Number of the finger, of a step as one finger has it."""
+
+    def of_finger(self, finger: int, is_exchanged: bool) -> "Step":
+        """Return the step as a finger of the hand has it, at another one's mount if fingers are exchanged."""
+        assert self.fingers is not None
+        mount = self.fingers.mounts[::-1][finger] if is_exchanged else self.fingers.mounts[finger]
+        own = [one.measurement for one in self.measurements if isinstance(one, OfFinger) and one.finger == finger]
+        pose = se2.compose(self.sensor_pose, mount)
+        return Step(pose, own, times=self.times, sunk=float(self.fingers.sunk[finger]), finger=finger)
 
     def directions(self, belief: Belief, sign: Array) -> list[tuple[Array, float]]:
         """Return the contact directions, each as angles (B,) [rad], given bias and scale, and a variance [rad^2].
 
         `sign` (B,) is -1 where touch images are taken as mirrored.
         """
-        bias = belief[DIRECTION_BIAS][:, 0]
-        scale = belief[DIRECTION_SCALE][:, 0]
+        bias = belief.of_finger(DIRECTION_BIAS, self.finger)[:, 0]
+        scale = belief.of_finger(DIRECTION_SCALE, self.finger)[:, 0]
         directions: list[tuple[Array, float]] = []
         for index, measurement in enumerate(self.measurements):
             if not isinstance(measurement, ContactDirection):
@@ -53,7 +94,7 @@ class Step:
         return directions
 
 
-def timely(measurements: Sequence[Measurement], times: Sequence[float]) -> list[Measurement]:
+def timely(measurements: Sequence[Any], times: Sequence[float]) -> list[Any]:
     """Return the measurements without those of a time before or after all of these [s], which a warning names."""
     kept: list[Measurement] = []
     for measurement in measurements:
@@ -67,7 +108,7 @@ def timely(measurements: Sequence[Measurement], times: Sequence[float]) -> list[
     return kept
 
 
-def step_of(measurement: Measurement, times: Sequence[float]) -> int:
+def step_of(measurement: Measurement | OfFinger, times: Sequence[float]) -> int:
     """Return the step nearest to the time of a measurement: 0 is the last of these times [s], -1 the one before."""
     time = getattr(measurement, "time", None)
     if time is None:
@@ -82,12 +123,13 @@ def terms_of(compiled: CompiledModel, step: Step, number: int) -> tuple[Array, l
     """
     terms: list[tuple[float, ...]] = []
     own: list[tuple[int, OwnMeasurement]] = []
-    for index, measurement in enumerate(step.measurements):
-        at = number + step_of(measurement, step.times)
+    for index, given in enumerate(step.measurements):
+        at = number + step_of(given, step.times)
+        measurement, finger = (given.measurement, given.finger) if isinstance(given, OfFinger) else (given, 0)
         if isinstance(measurement, OwnMeasurement):
             own.append((at, measurement))
             continue
-        kind = compiled.model.factors_by_measurement.get(type(measurement))
+        kind = compiled.model.factors_by_measurement.get((type(measurement), finger))
         if kind is None:
             continue
         factor = compiled.model.factors[kind]

@@ -8,6 +8,7 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.config import Priors
 from palpate.estimation.model import Model
+from palpate.models.pushing.hand import is_of_finger
 from palpate.models.pushing.model import MODEL
 
 
@@ -28,14 +29,18 @@ class ObjectPrior:
 
 
 @lru_cache(maxsize=32)
-def object_prior(priors: Priors, model: Model = MODEL) -> ObjectPrior:
-    """Return the prior of a model's object: by the settings where these have it, else as the variable states it."""
+def object_prior(priors: Priors, model: Model = MODEL, fingers: tuple[Priors, ...] = ()) -> ObjectPrior:
+    """Return the prior of a model's object: by the settings where these have it, else as the variable states it.
+
+    `fingers` are the settings of each finger of a hand, for the variables that it has for itself.
+    """
     names: list[str] = []
     means: list[float] = []
     deviations: list[float] = []
     changes: list[tuple[float, float]] = []
     for variable in model.of("object"):
-        mean, deviation = getattr(priors, variable.name, variable.prior)
+        settings = fingers[variable.finger] if fingers and is_of_finger(variable) else priors
+        mean, deviation = getattr(settings, variable.known_as, variable.prior)
         names.extend(variable.dimension * [variable.name])
         means.extend(variable.dimension * [mean])
         deviations.extend(variable.dimension * [deviation])

@@ -45,7 +45,7 @@ class RestWindow(PushingWindow):
         for k in range(pinned.start, pinned.stop):
             rows["past"]["information"][:, k, k] = _PINNED
         drift = np.zeros(compiled.model.last_size)
-        given = Given(settings, drift, model.surface, model.corners, np.zeros(1, compiled.records.work))
+        given = Given(settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
         super().__init__(compiled, given, steps, rows, 1, own)
         self._join(*terms_of(compiled, step, 0), step.times[-1])
         self._solve(np.ones(len(rows), np.bool_))

@@ -55,9 +55,18 @@ def begin_step(steps: Records) -> None:
         now.turn_measured = rotation(now.measured[2])
         travel = abs(position(now.measured) - position(before.measured))
         now.moved = travel + SHARE_OF_SINKING * abs(now.sunk - before.sunk)
-        now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
-        between(steps[b, max(last - 2, 0)].g, before.g, now.g)
-        ahead = position(before.g) + rotation(before.g[2]) * position(now.g)
-        now.g[0] = ahead.real
-        now.g[1] = ahead.imag
-        now.g[2] = wrap(before.g[2] + now.g[2])
+        go_on(steps[b])
+
+
+@kernel
+def go_on(steps: Records) -> None:
+    """Give the last of the steps (N,) the sensor pose in the object that constant motion would bring."""
+    last = len(steps) - 1
+    now = steps[last]
+    before = steps[last - 1]
+    now.cost[2] = 1.0 if now.spread > 0.0 else 0.0
+    between(steps[max(last - 2, 0)].g, before.g, now.g)
+    ahead = position(before.g) + rotation(before.g[2]) * position(now.g)
+    now.g[0] = ahead.real
+    now.g[1] = ahead.imag
+    now.g[2] = wrap(before.g[2] + now.g[2])

@@ -11,15 +11,17 @@ from palpate.estimation import window
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.rows import Indices
 from palpate.estimation.window import LAG
+from palpate.estimation.variable import Variable
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel
-from palpate.models.pushing.measurements import Step, terms_of
+from palpate.models.pushing.hand import variable_of
+from palpate.models.pushing.measurements import OfFinger, Step, terms_of
 from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
-from palpate.models.pushing.variables import TURN_OFFSET
-from palpate.types.measurements import OwnMeasurement, Turn
+from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
+from palpate.types.measurements import ContactCorner, OwnMeasurement, Turn
 
 
 class PushingWindow(window.Window):
@@ -52,7 +54,7 @@ class ContactWindow(PushingWindow):
         `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
         step as `priors` says, by default not at all. `compiled` may be an extended model of pushing.
         """
-        self._model = model
+        self._contact_model = model
         variables = compiled.model
         drift = np.zeros(variables.last_size)
         if priors is not None:
@@ -60,10 +62,12 @@ class ContactWindow(PushingWindow):
         sign = np.ones(len(belief)) if sign is None else sign
         own = OwnMeasurements(model=variables) if own is None else own
         steps, rows = begun(compiled, belief, step.sensor_pose, sign)
-        steps["sunk"] = step.sunk
-        given = Given(settings, drift, model.surface, model.corners, np.zeros(1, compiled.records.work))
+        self._put_sunk_and_fingers(steps, rows, step)
+        given = Given(settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
         super().__init__(compiled, given, steps, rows, lag, own)
-        self._has_turn = False
+        self._have_turns: set[int] = set()  # fingers, 0 of a single sensor
+        self._have_touched: set[int] = set()  # fingers, in this contact of the object
+        self._note_touching(step)
         self._solve_with(step, *terms_of(compiled, step, 0))
 
     def add(self, step: Step, spread: ArrayLike = 0.0) -> None:
@@ -77,7 +81,8 @@ class ContactWindow(PushingWindow):
         now["e"] = step.sensor_pose
         now["measured"] = step.sensor_pose
         now["spread"][:, 0] = spread
-        now["sunk"] = step.sunk
+        self._put_sunk_and_fingers(now, self.rows, step)
+        self._begin_contacts_anew(step)
         self._append(now)
         self._solve_with(step, arrived, own)
 
@@ -92,15 +97,57 @@ class ContactWindow(PushingWindow):
 
         Far from the true offset, the robust kernel would leave a turn hardly any weight.
         """
-        if self._has_turn:
-            return
-        for index, measurement in enumerate(step.measurements):
-            if isinstance(measurement, Turn):
-                self._has_turn = True
+        for index, given in enumerate(step.measurements):
+            measurement, finger = (given.measurement, given.finger) if isinstance(given, OfFinger) else (given, 0)
+            if isinstance(measurement, Turn) and finger not in self._have_turns:
+                self._have_turns.add(finger)
                 sign = self.rows["sign"] if index < step.from_touch else 1.0
-                offset = se2.wrap(self._steps["g"][:, -1, 2] - measurement.angle * sign)
-                self.rows["shared"][:, self._compiled.model.in_shared[TURN_OFFSET]] = offset[:, None]
-                return
+                yaw = self._steps["g"][:, -1, 2]
+                if step.fingers is not None:
+                    yaw = yaw + self._steps["finger"][:, -1, finger, 2]
+                offset = se2.wrap(yaw - measurement.angle * sign)
+                place = self._compiled.model.in_shared[variable_of(TURN_OFFSET, finger)]
+                self.rows["shared"][:, place] = offset[:, None]
+
+    def _put_sunk_and_fingers(self, now: NDArray[np.void], rows: NDArray[np.void], step: Step) -> None:
+        """Write to a new step (B, 1) what the sensor or the fingers of a hand bring besides their pose."""
+        if step.fingers is None:
+            now["sunk"] = step.sunk
+            return
+        now["sunk"] = step.fingers.sunk
+        now["touches"] = step.fingers.touches
+        mounts = step.fingers.mounts_in(rows["sign"])
+        now["finger"][:, 0] = mounts
+        now["turn_finger"][:, 0] = np.exp(1j * mounts[..., 2])
+
+    def _note_touching(self, step: Step) -> None:
+        """Remember the fingers that touch."""
+        if step.fingers is not None:
+            self._have_touched.update(np.flatnonzero(step.fingers.touches).tolist())
+
+    def _begin_contacts_anew(self, step: Step) -> None:
+        """Let fingers that touch again, while others held on, begin a contact of their own.
+
+        What the contact before has told of its variables is forgotten.
+        """
+        if step.fingers is None:
+            return
+        begin = step.fingers.touches & (self._steps["touches"][0, -1] < 0.5)
+        for finger in np.flatnonzero(begin).tolist():
+            if finger in self._have_touched:
+                self._forget_contact(finger)
+        self._note_touching(step)
+
+    def _forget_contact(self, finger: int) -> None:
+        """Drop the terms that hang on the variables of a finger's contact, and what older steps say of these."""
+        model = self._compiled.model
+        kinds = [model.factors_by_measurement[kind, finger] for kind in (Turn, ContactCorner)]
+        self._terms = self._terms[~np.isin(self._terms[:, 1], kinds)]
+        forgotten = [variable_of(variable, finger) for variable in (TURN_OFFSET, CORNER_BIAS)]
+        for past in self.rows["past"]:
+            for variable in forgotten:
+                _forget(past, model.step_size, model.in_shared[variable].start, variable)
+        self._have_turns.discard(finger)
 
     def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
         """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
@@ -118,12 +165,45 @@ class ContactWindow(PushingWindow):
         disturbed["cost"][..., 2] = 1.0
         # Seen from the object, the sensor moves the other way.
         back = -slide_of_step * np.arange(1.0, last - first + 1)
-        moved = self._model.moved_along(disturbed["g"].reshape(-1, 3), back.ravel())
-        disturbed["g"] = moved.reshape(*back.shape, 3)
+        disturbed["g"] = self._moved_along(disturbed, back)
         self._steps[rows, first:] = disturbed
         changing = np.zeros(len(self.rows), np.bool_)
         changing[rows] = True
         self._solve(changing)
+
+    def _moved_along(self, steps: NDArray[np.void], lengths: Array) -> Array:
+        """Return the sensor poses g (K, N, 3) of some steps moved along the outline by lengths (K, N) [m].
+
+        A hand moves with its first finger that touches at the last of these steps.
+        """
+        model = self._contact_model
+        g = steps["g"].reshape(-1, 3)
+        if not model.fingers:
+            return model.moved_along(g, lengths.ravel()).reshape(steps["g"].shape)
+        finger = int(np.argmax(steps["touches"][0, -1]))
+        mount = steps["finger"][:, :, finger].reshape(-1, 3)
+        moved = model.fingers[finger].moved_along(se2.compose(g, mount), lengths.ravel())
+        return se2.compose(moved, se2.inverse(mount)).reshape(steps["g"].shape)
+
+
+def _forget(past: np.void, first: int, place: int, variable: Variable) -> None:
+    """Marginalise the number at a place of a Gaussian on the past and give it the variable's prior.
+
+    Shared variables begin at the column `first`.
+    """
+    information = past["information"]
+    gradient = past["gradient"]
+    mean, deviation = variable.prior
+    at = first + place
+    known = information[at, at]
+    if known > 0.0:
+        row = information[at].copy()
+        gradient -= row * (gradient[at] / known)
+        information -= np.outer(row, row) / known
+    information[at] = 0.0
+    information[:, at] = 0.0
+    information[at, at] = deviation**-2.0
+    gradient[at] = (mean - past["shared"][place]) / deviation**2
 
 
 def begun(

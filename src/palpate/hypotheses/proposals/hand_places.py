@@ -1,0 +1,163 @@
+"""Beliefs at the places where a contact of one sensor, or of the fingers of a hand, may have begun.
+
+Places are those of the first finger that touches. What the others see of the object there, and that one which touches
+nothing is outside it, makes them more or less likely and moves them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.arrays import Array, Flags, Integers
+from palpate.config import UNLIKELY
+from palpate.geometry import se2
+from palpate.hypotheses.proposals.contact_places import (
+    BeliefsAtPlaces,
+    beliefs_at_places,
+    is_contradicted,
+    is_rough,
+)
+from palpate.models.pushing.belief import Belief, clearances
+from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.measurements import Step
+
+_GAP_SIGMA = 1.5e-3
+"""[m] Standard deviation of the distance of another finger from the outline, in contact and just outside."""
+_LEAST_DIRECTION_SIGMA = 0.06
+"""[rad] Least standard deviation of a direction that another finger measures."""
+_ITERATIONS = 4
+"""Gauss-Newton steps towards a pose that fits another finger."""
+_DIFFERENCE = 1e-6
+"""[m], [rad] Change of a pose over which derivatives are taken."""
+
+
+def leaves_several_places(belief: Belief, touch_sign: Array, model: ContactModel, step: Step) -> Flags:
+    """Return True (B,) for beliefs that are rough, or that the measured direction of a contact contradicts."""
+    if step.fingers is None:
+        return is_rough(belief, model) | is_contradicted(belief, touch_sign, model, step)
+    leaves = is_rough(belief, model.fingers[0])
+    no_sign = np.ones(len(belief))
+    for number in np.flatnonzero(step.fingers.touches).tolist():
+        own = model.fingers[number]
+        as_stated = is_contradicted(belief, no_sign, own, step.of_finger(number, is_exchanged=False))
+        exchanged = is_contradicted(belief, no_sign, own, step.of_finger(number, is_exchanged=True))
+        leaves = leaves | np.where(touch_sign < 0.0, exchanged, as_stated)
+    return leaves
+
+
+def places_of_contact(
+    beliefs: Belief, searched: Integers, touch_sign: Array, model: ContactModel, step: Step, is_guess: Flags
+) -> BeliefsAtPlaces:
+    """Return the beliefs at all likely places, for some rows `searched` of the beliefs (B,).
+
+    See `contact_places.beliefs_at_places`; in rows of sign -1 the fingers of a hand are exchanged.
+    """
+    if step.fingers is None:
+        return beliefs_at_places(beliefs, searched, touch_sign, model, step, is_guess)
+    exchanged = touch_sign[searched] < 0.0
+    stated = _places_of_hand(beliefs, searched[~exchanged], model, step, is_guess, is_exchanged=False)
+    if not exchanged.any():
+        return stated
+    return _joined(stated, _places_of_hand(beliefs, searched[exchanged], model, step, is_guess, is_exchanged=True))
+
+
+def _places_of_hand(
+    beliefs: Belief, searched: Integers, model: ContactModel, step: Step, is_guess: Flags, is_exchanged: bool
+) -> BeliefsAtPlaces:
+    """Return the beliefs at the places of the first finger that touches, as far as they fit the other fingers."""
+    assert step.fingers is not None
+    touching = np.flatnonzero(step.fingers.touches).tolist()
+    first = touching[0]
+    no_sign = np.ones(len(beliefs))
+    of_first = step.of_finger(first, is_exchanged)
+    places = beliefs_at_places(beliefs, searched, no_sign, model.fingers[first], of_first, is_guess)
+    for number, other in enumerate(model.fingers):
+        if number != first and len(places.parent):
+            places = _fitted(places, _Other(other, step.of_finger(number, is_exchanged), number in touching))
+    return places
+
+
+class _Other(NamedTuple):
+    """Another finger of the hand."""
+
+    model: ContactModel
+    step: Step
+    touches: bool
+
+
+def _fitted(places: BeliefsAtPlaces, other: _Other) -> BeliefsAtPlaces:
+    """Return the places with what another finger says of them, without those that it contradicts."""
+    belief = places.belief
+    pose = belief.pose
+    covariance = belief.pose_covariance
+    moved = np.zeros((len(pose), 3))  # in the tangent space at the places
+    for _ in range(_ITERATIONS if other.touches else 1):
+        residual, slope, variance = _seen(belief, pose, other)
+        expected = slope @ covariance @ slope.transpose(0, 2, 1) + variance
+        gain = covariance @ slope.transpose(0, 2, 1) @ np.linalg.inv(expected)
+        off = residual - np.einsum("nri,ni->nr", slope, moved)
+        if not other.touches:
+            off = np.minimum(off, 0.0)
+            break
+        moved = -np.einsum("nir,nr->ni", gain, off)
+        pose = se2.compose(belief.pose, se2.exp(moved))
+    squares = np.einsum("nr,nrs,ns->n", off, np.linalg.inv(expected), off)
+    log_likelihood = places.log_likelihood - 0.5 * squares
+    if not other.touches:
+        kept = np.flatnonzero(squares < UNLIKELY**2)
+        return _with(places, log_likelihood).take(kept) if len(kept) else places
+    log_likelihood -= 0.5 * np.linalg.slogdet(expected)[1]
+    left = _seen(belief, pose, other)[0]
+    unfit = np.square(left) / np.diagonal(variance, axis1=1, axis2=2)
+    kept = np.flatnonzero((squares < 2.0 * UNLIKELY**2) & (unfit < UNLIKELY**2).all(axis=1))
+    if not len(kept):
+        return places
+    joint = belief.covariance.copy()
+    joint[:, :3, :3] -= gain @ expected @ gain.transpose(0, 2, 1)
+    fitted = BeliefsAtPlaces(Belief(pose, belief.values, joint), places.parent, log_likelihood)
+    return fitted.take(kept)
+
+
+def _seen(belief: Belief, pose: Array, other: _Other) -> tuple[Array, Array, Array]:
+    """Return what another finger sees less what it would at poses (N, 3), by its slopes, and variances.
+
+    These are (N, R), (N, R, 3) by motions of the object in its frame, and (N, R, R): the distance from the outline and,
+    if it touches and measures it, the direction.
+    """
+    residual, deviations = _residual(belief, pose, other)
+    slopes = np.empty((*residual.shape, 3))
+    for k, change in enumerate(_DIFFERENCE * np.eye(3)):
+        there, _ = _residual(belief, se2.compose(pose, change), other)
+        difference = there - residual
+        difference[:, 1:] = se2.wrap(difference[:, 1:])
+        slopes[..., k] = difference / _DIFFERENCE
+    return residual, slopes, np.broadcast_to(np.diag(np.square(deviations)), (*residual.shape, len(deviations)))
+
+
+def _residual(belief: Belief, pose: Array, other: _Other) -> tuple[Array, list[float]]:
+    """Return the residuals (N, R) of another finger at poses (N, 3), and their standard deviations (R,)."""
+    at = Belief(pose, belief.values, belief.covariance)
+    gap, _ = clearances(at, other.model, other.step.sensor_pose[None])
+    directions = other.step.directions(at, np.ones(len(pose))) if other.touches else []
+    if not directions or other.model.radius == 0.0:
+        return gap, [_GAP_SIGMA]
+    angle, variance = directions[0]
+    g = se2.between(pose, other.step.sensor_pose)
+    normal = other.model.touching(g[:, None])["normal"][:, 0]
+    off = se2.wrap(np.angle(-normal * np.exp(-1j * g[:, 2])) - angle)
+    sigma = max(float(np.sqrt(variance)), _LEAST_DIRECTION_SIGMA)
+    return np.column_stack([gap[:, 0], off]), [_GAP_SIGMA, sigma]
+
+
+def _with(places: BeliefsAtPlaces, log_likelihood: Array) -> BeliefsAtPlaces:
+    """Return the same places with other log probabilities (N,)."""
+    return BeliefsAtPlaces(places.belief, places.parent, log_likelihood)
+
+
+def _joined(one: BeliefsAtPlaces, other: BeliefsAtPlaces) -> BeliefsAtPlaces:
+    """Return the places of both."""
+    return BeliefsAtPlaces(
+        one.belief.joined(other.belief),
+        np.concatenate([one.parent, other.parent]),
+        np.concatenate([one.log_likelihood, other.log_likelihood]),
+    )

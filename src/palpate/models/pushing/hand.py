@@ -1,0 +1,101 @@
+"""The model of pushing with several fingers, each a sensor of its own: one object, and a contact for each finger.
+
+The factors of a contact hold at each finger that touches, with the variables of that finger; those of the object hold
+at the hand as a whole, whose contact geometry `hand_step` makes of those that touch. The first finger has the variables
+of a single sensor, at their places; those of the others follow.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from palpate.estimation.factor import Factor
+from palpate.estimation.model import Model
+from palpate.estimation.variable import Variable
+from palpate.manifolds.functions import Scalar
+from palpate.models.pushing import variables
+from palpate.models.pushing.balance import BALANCE
+from palpate.models.pushing.contact import CONTACT
+from palpate.models.pushing.corner import CORNER, nearest_corner_of
+from palpate.models.pushing.direction import DIRECTION
+from palpate.models.pushing.disturbance import DISTURBED_SLIDE
+from palpate.models.pushing.model import MODEL
+from palpate.models.pushing.place import PLACE
+from palpate.models.pushing.sticking import STICKING
+from palpate.models.pushing.turn import TURN
+
+_VARIABLES = (
+    variables.TURN_OFFSET,
+    variables.CORNER_BIAS,
+    variables.SINKING,
+    variables.DIRECTION_BIAS,
+    variables.DIRECTION_SCALE,
+    variables.PLACE_BIAS,
+    variables.DEPTH,
+)
+"""Variables that each finger has for itself."""
+_FACTORS = (STICKING, DISTURBED_SLIDE, CONTACT, DIRECTION, PLACE, TURN, CORNER)
+"""Factors that hold at each finger."""
+
+
+def _variance_of_balance(now: Any, noise: Any, support: Any) -> tuple[Scalar]:
+    """Return the variance [m^4] of the limit surface's form, and of how the fingers that touch share the load."""
+    form = noise.still**2 + (noise.share * now.moved * support.radius) ** 2
+    load = (noise.load * now.apart * now.moved) ** 2
+    return (form + load,)
+
+
+@cache
+def variable_of(variable: Variable, finger: int) -> Variable:
+    """Return the variable that a finger of this number has in place of the first one's; shared ones are their own."""
+    if finger == 0 or variable not in _VARIABLES:
+        return variable
+    return replace(variable, name=f"{variable.name}_{finger}", finger=finger, base=variable.name)
+
+
+def is_of_finger(variable: Variable) -> bool:
+    """Return True for a variable that each finger has for itself."""
+    return bool(variable.base) or variable in _VARIABLES
+
+
+@cache
+def hand_model(fingers: int) -> Model:
+    """Return the model of pushing with so many fingers, two or more."""
+    first = tuple(_of_first(factor) for factor in MODEL.factors)
+    hand = replace(
+        MODEL,
+        factors=first,
+        step_numbers=tuple(name for name in (*MODEL.step_numbers, "apart") if name != "sunk"),
+        fingers=fingers,
+        finger_numbers=("sunk",),
+    )
+    others = range(1, fingers)
+    return hand.extended(
+        variables=[variable_of(variable, finger) for finger in others for variable in _VARIABLES],
+        factors=[_of_finger(factor, finger) for finger in others for factor in _FACTORS],
+    )
+
+
+def names_of(factors: Iterable[str], model: Model) -> list[str]:
+    """Return the names of some factors of a single sensor as a model has them, those of each of its fingers."""
+    suffixes = ["", *(f"_{finger}" for finger in range(1, model.fingers))]
+    return [f"{name}{suffix}" for suffix in suffixes for name in factors]
+
+
+def _of_first(factor: Factor) -> Factor:
+    """Return a factor of a single sensor for the first finger, or for the hand."""
+    if factor is BALANCE:
+        return replace(factor, variance=_variance_of_balance)
+    return replace(_of_finger(factor, 0), name=factor.name) if factor in _FACTORS else factor
+
+
+def _of_finger(factor: Factor, finger: int) -> Factor:
+    """Return a factor of a single sensor for a finger."""
+    return replace(
+        factor,
+        name=f"{factor.name}_{finger}",
+        finger=finger,
+        settings=factor.settings or factor.name,
+        lookup=nearest_corner_of if factor is CORNER else factor.lookup,
+    )

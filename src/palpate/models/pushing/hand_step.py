@@ -1,0 +1,164 @@
+"""What a step of pushing with several fingers brings besides its factors: the contact of each finger and of the hand.
+
+The hand's contact is what balance and friction cone read: the middle of the touched points, and the normal by which the
+angle of the pushing force counts.
+"""
+
+import math
+from typing import Any
+
+from palpate.arrays import Records
+from palpate.compiled import compiled, kernel
+from palpate.estimation.model import Model
+from palpate.manifolds.function_kernels import beyond, side
+from palpate.manifolds.se2_kernels import position, rotation
+from palpate.models.generated import put_rotations
+from palpate.models.pushing.contact_geometry import put_touch_of_finger
+from palpate.models.pushing.force import NEIGHBOURS, eased, make_motion
+from palpate.models.pushing.step import SHARE_OF_SINKING, go_on
+from palpate.models.pushing.variables import GRIP
+
+GRIPPED = -0.2
+"""Cosine of the angle between the normals of two fingers below which they grip the object between them: it then moves
+with the hand in any direction."""
+
+
+@kernel
+def prepare_hand_step(now: Records, surfaces: Any) -> None:
+    """Write rotations, the contact geometry of each finger, and that of the hand."""
+    put_rotations(now)
+    for k in range(len(now.touches)):
+        put_touch_of_finger(
+            position(now.g),
+            now.turn_g,
+            position(now.finger[k]),
+            now.turn_finger[k],
+            surfaces[k],
+            now.touch_of[k],
+        )
+    _put_touch_of_hand(now)
+
+
+@kernel
+def _put_touch_of_hand(now: Records) -> None:
+    """Write the mean of the contacts of the fingers that touch, and how far these are apart."""
+    hand = now.touch
+    hand.gap = 0.0
+    hand.point = 0.0
+    hand.material = 0.0
+    hand.normal = 0.0
+    hand.gap_by_g[:] = 0.0
+    hand.point_by_g[:] = 0.0
+    hand.material_by_g[:] = 0.0
+    hand.normal_by_g[:] = 0.0
+    count = 0.0
+    for k in range(len(now.touches)):
+        count += now.touches[k]
+    now.apart = 0.0
+    if count == 0.0:
+        hand.normal = 1.0
+        return
+    for k in range(len(now.touches)):
+        if now.touches[k] > 0.5:
+            touch = now.touch_of[k]
+            hand.gap += touch.gap / count
+            hand.point += touch.point / count
+            hand.normal += touch.normal / count
+            for c in range(3):
+                hand.gap_by_g[c] += touch.gap_by_g[c] / count
+                hand.point_by_g[c] += touch.point_by_g[c] / count
+                hand.normal_by_g[c] += touch.normal_by_g[c] / count
+    square = 0.0
+    for k in range(len(now.touches)):
+        if now.touches[k] > 0.5:
+            square += abs(now.touch_of[k].point - hand.point) ** 2 / count
+    now.apart = 2.0 * math.sqrt(square)
+
+
+def make_put_hand_force(model: Model) -> Any:
+    """Return the compiled function of a model that writes the angle of the force at a step, and how much it slides."""
+    motion = make_motion(model)
+    grip_at = model.in_shared[GRIP].start
+
+    @kernel
+    def put_hand_force(steps: Records, k: int, row: Records, settings: Records) -> None:
+        """Write the angle of the pushing force at step k, and how much the contact slides, with the force's sign.
+
+        The angle is that by which the force is beyond the normals of all fingers that touch, from the nearest of these,
+        whose normal becomes that of the hand; 0 between the normals, and while fingers grip.
+        """
+        now = steps[k]
+        if k == 0:
+            now.force_angle = math.nan
+            now.sliding = 0.0
+            return
+        moved = motion(steps, k, row, settings)
+        angle = _beyond_normals(now, moved)
+        now.force_angle = eased(now.force_angle, angle)
+        edge = math.atan(math.exp(row.shared[grip_at])) - settings.sticking.margin
+        now.sliding = side(now.force_angle) * beyond(now.force_angle, edge, settings.sticking.width)
+
+    return put_hand_force
+
+
+@kernel
+def _beyond_normals(now: Records, moved: complex) -> float:
+    """Return the angle of a motion in the world from the nearest inward normal, if it is beyond all; else 0 [rad]."""
+    nearest = -1
+    least = math.inf
+    sides = 0.0
+    count = 0.0
+    in_object = now.turn_e.conjugate() * now.turn_g * moved
+    for k in range(len(now.touches)):
+        if now.touches[k] > 0.5:
+            normal = now.touch_of[k].normal
+            along = -in_object * normal.conjugate()
+            angle = math.atan2(along.imag, along.real)
+            count += 1.0
+            sides += side(angle)
+            if abs(angle) < abs(least):
+                least = angle
+                nearest = k
+            for j in range(k):
+                if now.touches[j] > 0.5 and (normal * now.touch_of[j].normal.conjugate()).real < GRIPPED:
+                    return 0.0
+    if nearest < 0 or abs(sides) < count:
+        return 0.0
+    now.touch.normal = now.touch_of[nearest].normal
+    for c in range(3):
+        now.touch.normal_by_g[c] = now.touch_of[nearest].normal_by_g[c]
+    return least
+
+
+def make_put_last_hand_force(model: Model) -> Any:
+    """Return the compiled function of a model that writes the same at the last step."""
+    put_hand_force = make_put_hand_force(model)
+
+    @kernel
+    def put_last_hand_force(steps: Records, row: Records, settings: Records) -> None:
+        """Write the angle and the sliding at the last step, once the steps have moved."""
+        last = len(steps) - 1
+        for k in range(max(last - NEIGHBOURS, 0), last):
+            steps[k].turn_g = rotation(steps[k].g[2])
+            steps[k].turn_e = rotation(steps[k].e[2])
+        put_hand_force(steps, last, row, settings)
+
+    return put_last_hand_force
+
+
+@compiled
+def begin_hand_step(steps: Records) -> None:
+    """Begin the last of the steps (B, N), as `step.begin_step` does; its motion is that of the fingers that touch."""
+    last = steps.shape[1] - 1
+    for b in range(len(steps)):
+        now = steps[b, last]
+        before = steps[b, last - 1]
+        now.turn_measured = rotation(now.measured[2])
+        now.moved = 0.0
+        for k in range(len(now.touches)):
+            if now.touches[k] > 0.5:
+                here = position(now.measured) + now.turn_measured * position(now.finger[k])
+                there = position(before.measured) + before.turn_measured * position(before.finger[k])
+                sinking = abs(now.sunk[k] - before.sunk[k]) if before.touches[k] > 0.5 else 0.0
+                now.moved = max(now.moved, abs(here - there) + SHARE_OF_SINKING * sinking)
+        go_on(steps[b])
