@@ -38,6 +38,10 @@ DEEP = 2.5e-3
 
 MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
 """Sentence once touch images are taken as mirrored."""
+EXCHANGED = (
+    "what the fingers see fits the push only if these are exchanged; confirm by exchanging their names or mounts"
+)
+"""Sentence once the fingers of a hand are taken as exchanged."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,8 @@ class PoseEvidence:
     """True if touch fits the push only with images that are upside down or mirrored."""
     may_images_be_mirrored: bool = False
     """True if it is not yet known how images lie."""
+    are_of_hand: bool = False
+    """True for images of a hand's fingers, which may be exchanged in place of mirrored."""
 
 
 class Evidence(NamedTuple):
@@ -153,7 +159,8 @@ def _ambiguity(on: Evidence) -> str:
     assert ambiguity is not None
     count = sum(ambiguity.origins.values())
     farthest = f"{1e3 * ambiguity.distance:.0f} mm and {math.degrees(ambiguity.angle):.0f} degrees"
-    causes = ", ".join(f"{ORIGINS[origin]} ({number})" for origin, number in ambiguity.origins.items())
+    words = {**ORIGINS, "mirrored images": "fingers that are exchanged"} if on.pose.are_of_hand else ORIGINS
+    causes = ", ".join(f"{words[origin]} ({number})" for origin, number in ambiguity.origins.items())
     sentence = f"{count} poses up to {farthest} from the best fit what was measured: {causes}"
     return _joined(_slant(on), sentence) if "mirrored images" in ambiguity.origins else sentence
 
@@ -178,6 +185,8 @@ def _uncertainty(on: Evidence) -> str:
 
 
 def _orientation_of_images(on: Evidence) -> str:
+    if on.pose.are_of_hand:
+        return EXCHANGED if on.pose.takes_images_as_mirrored else ""
     if on.pose.takes_images_as_mirrored:
         return _joined(_slant(on), MIRRORED)
     if on.pose.may_images_be_mirrored:

@@ -1,9 +1,10 @@
 """The tracker: one frame in, one estimate out."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,24 +12,21 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array
 from palpate.compiled import is_cached
 from palpate.config import TactileChoice, TrackerSettings
-from palpate.errors import EstimationError
+from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Disc, Shape
 from palpate.hypotheses.filter import MultiHypothesisFilter
-from palpate.hypotheses.posterior import Posterior
-from palpate.input.checked_frame import CheckedFrame
-from palpate.input.frame_values import checked_measurements, with_checked_values
-from palpate.input.input_gate import InputGate
-from palpate.input.sensor_correction import SensorCorrection
-from palpate.models.pushing.compiled import PUSHING
-from palpate.models.pushing.contact_geometry import contact_model
-from palpate.status import Evidence, decide
+from palpate.models.pushing.compiled import PUSHING, hand_pushing
+from palpate.models.pushing.contact_geometry import contact_model, hand_contact_model
+from palpate.models.pushing.measurements import Fingers
+from palpate.sensors import OneSensor, Sensors, SeveralFingers, hand_of, units_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
-from palpate.touch.pipeline import Touch, TouchReader
+from palpate.touch.pipeline import Touch
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import check_arguments, first_pose_of, noise_of_unit
+from palpate.tracker_arguments import check_arguments, first_pose_of
 from palpate.types.estimate import Estimate
+from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement
 from palpate.types.sensor import POINT, SensorProfile
 from palpate.types.sensor_file import known_sensor
@@ -37,21 +35,22 @@ logger = logging.getLogger(__name__)
 
 
 class Tracker:
-    """Tracks one object from the frames of one sensor. No input, output or drawing."""
+    """Tracks one object from the frames of one sensor, or of a hand of several fingers. No input, output or drawing."""
 
     def __init__(
         self,
         shape: Shape,
-        sensor: SensorProfile | str,
+        sensor: SensorProfile | str | Mapping[str, SensorProfile | str] | Hand,
         first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
-        model: TouchModel | None = None,
-        calibration: Calibration | None = None,
-        touch: Touch | None = None,
+        model: TouchModel | Mapping[str, TouchModel] | None = None,
+        calibration: Calibration | Mapping[str, Calibration] | None = None,
+        touch: Touch | Mapping[str, Touch] | None = None,
         first_pose_sigma: ArrayLike | None = None,
         set_up_sigma: ArrayLike | None = None,
         is_view_known: bool = False,
         graph: CompiledModel = PUSHING,
+        mounts: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         """Take the object's outline, the sensor or its name, and world_T_object (3,) [m, m, rad] at the first frame.
 
@@ -64,30 +63,40 @@ class Tracker:
         calibration or `is_view_known` says that images are upright, the tracker finds out if they are. `graph` are the
         variables and factors: those of pushing, or of a model that extends it.
 
+        A hand of several fingers is a `palpate.Hand`, or sensors by name with their `mounts`, hand_T_finger (3,) [m, m,
+        rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out. Images of a
+        hand are taken as upright; unless `is_view_known`, the tracker finds out if two fingers are exchanged.
+
         The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
         """
-        check_arguments(shape, settings, model, calibration, touch)
+        hand = hand_of(sensor, mounts)
+        if hand is None:
+            check_arguments(shape, settings, model, calibration, touch)
+        units = None if hand is None else units_of(shape, settings, hand, model, calibration, touch)
         settings = settings or TrackerSettings()
-        sensor = known_sensor(sensor)
         self._settings = settings
-        self._tips = len(sensor.tips)
-        self._first = first_pose_of(first_pose, first_pose_sigma, settings)
-        warm_up()
-        self._correction = SensorCorrection(calibration.set_up if calibration else None)
-        self._gate = InputGate(sensor, calibration, settings.markers == "auto")
-        self._is_touch_given = touch is not None
-        is_view_known |= calibration is not None and calibration.is_view_known
-        pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
-        noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
+        self._sensors: Sensors
+        if hand is None or units is None:
+            of_sensor: Any = (known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
+            self._first = first_pose_of(first_pose, first_pose_sigma, settings)
+            warm_up()
+            self._sensors = OneSensor(shape, settings, of_sensor, set_up_sigma, is_view_known, graph)
+        else:
+            if graph is not PUSHING:
+                raise SettingError("graph is an extended model, which has one sensor; a hand has the model of pushing")
+            self._first = first_pose_of(first_pose, first_pose_sigma, settings)
+            warm_up(len(hand.fingers))
+            self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
+        given = self._sensors.for_filter
         self._filter = MultiHypothesisFilter(
-            contact_model(shape, sensor),
-            replace(settings, noise=noise),
+            given.model,
+            replace(settings, noise=given.noise),
             self._first.pose,
             self._first.covariance,
-            may_be_mirrored=not (is_view_known or self._is_touch_given),
-            compiled=graph,
+            may_be_mirrored=given.may_be_mirrored,
+            compiled=given.compiled,
+            priors_of_fingers=given.priors_of_fingers,
         )
-        self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.
@@ -96,9 +105,7 @@ class Tracker:
         """
         if pose is not None or sigma is not None:
             self._first = first_pose_of(self._first.pose if pose is None else pose, sigma, self._settings)
-        self._touch.end_contact()
-        self._gate.reset()
-        self._correction.reset()
+        self._sensors.reset()
         self._filter.begin(self._first.pose, self._first.covariance)
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
@@ -110,88 +117,74 @@ class Tracker:
         Raises FrameError if the frame cannot be used and is left out, and EstimationError if no estimate can be
         computed, not even by beginning anew from the last pose: the next frame then begins another contact.
         """
-        checked = self._check(frame, measurements)
+        sensors = self._sensors
+        checked = sensors.check(frame, measurements, self._filter)
+        if checked.is_first:
+            self._first.warn_if_far_from(checked.frame.sensor_pose)
         if checked.ends_contact:
-            self._touch.end_contact()
             self._filter.end_contact(checked.unobserved_push)
-        measured = self._measure(checked)
-        posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
-        self._accept(checked, measured)
-        return self._estimate(checked, posterior)
+        measured = sensors.measure(checked)
+        posterior = sensors.step(self._filter, checked, measured)
+        sensors.accept(checked, measured)
+        return sensors.estimate(checked, posterior)
 
     @property
     def tactile(self) -> TactileChoice:
         """Source of the touch measurements; auto until the first frame, and if `touch` was given."""
-        return self._touch.tactile
+        return self._sensors.tactile
 
     @property
     def tactile_reason(self) -> str:
         """Reason for that choice, in words; empty if the settings named it."""
-        return self._touch.reason
+        return self._sensors.tactile_reason
 
     @property
     def mirrored(self) -> bool:
-        """True once touch images are taken as turned by half a turn or mirrored, as only so they fit the push."""
+        """True once touch images are taken as turned by half a turn or mirrored, as only so they fit the push.
+
+        Of a hand, once two fingers are taken as exchanged.
+        """
         return self._filter.is_mirrored
 
     def variable(self, name: str) -> tuple[Array, Array]:
         """Return a variable of the object as learnt so far, by the best answer: mean and standard deviation, (D,) each.
 
-        Names are those of `palpate.models.pushing.variables`, and of an extended model. Raises SettingError for others.
+        Names are those of `palpate.models.pushing.variables`, and of an extended model; of a hand, those that belong to
+        a finger are that of the first, or have its name, as `depth.left`. Raises SettingError for others.
         """
-        return self._filter.variable(name)
+        return self._filter.variable(self._sensors.name_of_variable(name))
 
     @property
     def frame(self) -> Frame:
         """The last frame as it was used, its image in the profile's view; EstimationError before the first one."""
-        if self._gate.last is None:
+        last = self._sensors.last
+        if last is None:
             raise EstimationError("no frame has been taken so far; there is one after the first update")
-        return self._gate.last
+        return last
 
     @property
     def background(self) -> Background | None:
-        """A copy of the untouched gel as it is known now; None before the first images, and without images."""
-        background = self._gate.background
-        return None if background is None else background.copy()
+        """A copy of the untouched gel as it is known now; None before the first images, without images, for a hand."""
+        return self._sensors.backgrounds.get("")
 
-    def _check(self, frame: Frame, measurements: Sequence[Measurement]) -> CheckedFrame:
-        """Refuse implausible input, correct the sensor's pose, and decide contact."""
-        given = with_checked_values(frame, measurements, self._tips)
-        corrected = self._correction.corrected(given)
-        checked = self._gate.check(corrected, self._filter, self._touch.reads_images, self._touch.needs_colours)
-        if checked.is_first:
-            self._first.warn_if_far_from(checked.frame.sensor_pose)
-        return checked
-
-    def _measure(self, checked: CheckedFrame) -> Sequence[Measurement]:
-        """Return the measurements by touch, of a frame in contact."""
-        frame = checked.frame
-        self._touch.choose(frame.image, checked.background)
-        is_blind = checked.evidence.touches_since_start and self._touch.reads_images
-        if not frame.contact or is_blind or not checked.shows_touch:
-            return ()
-        measured = self._touch.read(frame, checked.background, checked.light)
-        return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
-
-    def _accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
-        """Make a frame the last one, now that it was used."""
-        self._gate.accept(checked, measured)
-        self._correction.accept(checked.corrected)
-
-    def _estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
-        """Return the estimate at the time of the frame, with its status and the reason for it."""
-        stream = replace(checked.evidence, sunk=self._touch.sunk)
-        verdict = decide(Evidence(posterior.evidence, stream))
-        estimate = posterior.estimate(checked.frame.time, verdict)
-        return self._correction.at_frame_time(estimate, checked.corrected)
+    @property
+    def backgrounds(self) -> dict[str, Background]:
+        """Copies of the untouched gels of a hand's fingers that are known now, by finger; "" is that of one sensor."""
+        return self._sensors.backgrounds
 
 
 @cache
-def warm_up() -> None:
-    """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
-    if not is_cached(PUSHING.improve):
+def warm_up(fingers: int = 0) -> None:
+    """Compile the estimator by a short simulated push, or load what was compiled before; once in a process.
+
+    That of a hand of so many fingers, or of one sensor.
+    """
+    compiled = hand_pushing(fingers) if fingers else PUSHING
+    if not is_cached(compiled.improve):
         logger.warning("compiling the estimator: once for this version, some 20 s")
-    model = contact_model(Disc(0.05), POINT)
-    push = MultiHypothesisFilter(model, TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
+    model = hand_contact_model(Disc(0.05), fingers * [POINT]) if fingers else contact_model(Disc(0.05), POINT)
+    push = MultiHypothesisFilter(model, TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3), compiled=compiled)
+    mounts = np.zeros((fingers, 3))
+    hand = Fingers(mounts, np.ones(fingers, np.bool_), np.zeros(fingers)) if fingers else None
     for step in range(2):
-        push.step(Frame(step / 30.0, np.array([1e-4 * step - 0.05, 0.0, 0.0]), contact=True))
+        push.step(Frame(step / 30.0, np.array([1e-4 * step - 0.05, 0.0, 0.0]), contact=True), fingers=hand)

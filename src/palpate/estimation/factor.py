@@ -60,8 +60,8 @@ class Factor:
     applies: Callable[..., Any] | None = None
     """Condition under which the factor has rows; by default always."""
     lookup: Callable[..., Any] | None = None
-    """Compiled function of a step, the number of the finger if it has one, and the table of `Given.places`, for what no formula gives, such as the nearest of
-    several places; returns the numbers `found`. For factors of measurements."""
+    """Compiled function of a step, the number of the finger if it has one, and the table of `Given.places`, for what no
+    formula gives, such as the nearest of several places; returns the numbers `found`. For factors of measurements."""
     found: tuple[str, ...] = ()
     """Names of the numbers that `lookup` returns, read as `known.NAME`."""
     finger: int | None = None

@@ -44,7 +44,7 @@ from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.window import ContactWindow
-from palpate.status import MIRRORED
+from palpate.status import EXCHANGED, MIRRORED
 from palpate.types.estimate import Clearance
 from palpate.types.measurements import ContactDirection, Frame, Measurement, ObjectPose
 
@@ -87,7 +87,7 @@ class MultiHypothesisFilter:
         self._rest_graph = Graph(self._settings_record, model, self._own, compiled)
         self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
-        """True if touch images are taken as turned by half a turn or mirrored, those of a hand as of exchanged fingers."""
+        """True if touch images are taken as turned by half a turn or mirrored, of a hand as of exchanged fingers."""
         for tip in model.fingers or (model,):
             outline_places(tip)  # computed now, not when a contact begins
         self.begin(first_pose, first_covariance)
@@ -176,7 +176,7 @@ class MultiHypothesisFilter:
             self._contact_step(Step(frame.sensor_pose, every, len(from_touch), (frame.time,), sunk, fingers))
         else:
             self._rest_step(frame.sensor_pose, frame.measurements, frame.time, fingers)
-        circumstances = Circumstances(hidden_motion, self._has_begun_anew, self.is_mirrored)
+        circumstances = Circumstances(hidden_motion, self._has_begun_anew, self.is_mirrored, fingers is not None)
         return posterior_of(self._bank.rows, self._touching(), self._monitor, self._tolerance, circumstances)
 
     def end_contact(self, moved: float = 0.0) -> None:
@@ -401,7 +401,8 @@ class MultiHypothesisFilter:
         bank.take(takes_images_as(bank.rows, is_mirrored))
         bank.rows = replace(bank.rows, weight=bank.rows.weight / bank.rows.weight.sum())
         if is_mirrored:
-            logger.warning("frame at %.3f s: %s", self._times[-1], MIRRORED)
+            sentence = EXCHANGED if self._contact_model.fingers else MIRRORED
+            logger.warning("frame at %.3f s: %s", self._times[-1], sentence)
 
 
 def _is_read_from_touch(step: Step) -> bool:

@@ -101,7 +101,10 @@ class Circumstances(NamedTuple):
     has_begun_anew: bool = False
     """True if the estimator had no solution at this frame and began anew from the last pose."""
     takes_images_as_mirrored: bool = False
-    """True if it was decided that touch images are mirrored or turned by half a turn."""
+    """True if it was decided that touch images are mirrored or turned by half a turn, of a hand that its fingers are
+    exchanged."""
+    are_of_hand: bool = False
+    """True for a hand of several fingers."""
 
 
 def posterior_of(
@@ -142,6 +145,7 @@ def posterior_of(
         is_displaced=_is_displaced(rows, _at(monitor.to_centroid, known[0]), in_contact, tolerance),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=rows.has_mirrors,
+        are_of_hand=circumstances.are_of_hand,
     )
     if circumstances.hidden_motion > 0.0:
         covariance = covariance + monitor.covariance_of_motion(circumstances.hidden_motion)

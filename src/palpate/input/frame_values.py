@@ -31,14 +31,14 @@ def with_checked_values(frame: Any, measurements: Any, tips: int) -> Frame:
     if time is None:
         raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
     when = f"frame at {time:.3f} s"
-    sensor_pose = _planar(when, frame.sensor_pose)
+    sensor_pose = planar(when, frame.sensor_pose)
     # NaN where a camera loses the object.
-    object_pose = None if frame.object_pose is None else _planar(when, frame.object_pose)
+    object_pose = None if frame.object_pose is None else planar(when, frame.object_pose)
     _check_contact(when, frame)
     if sensor_pose is None or (np.abs(sensor_pose) > FARTHEST).any():
         allowed = f"three finite numbers x [m], y [m], theta [rad], up to {FARTHEST:g}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
-    _check_image(when, frame.image)
+    check_image(when, frame.image)
     own = checked_measurements(time, frame.measurements, tips)
     added = checked_measurements(time, measurements, tips)
     return replace(
@@ -81,7 +81,7 @@ def _check_contact(when: str, frame: Frame) -> None:
         raise FrameError(f"{when} has contact {frame.contact!r}; it must be True, False or None")
 
 
-def _check_image(when: str, image: Any) -> None:
+def check_image(when: str, image: Any) -> None:
     """Raise FrameError unless an image is an array of pixels, or None."""
     is_array = isinstance(image, np.ndarray)
     if image is None or (is_array and image.dtype == np.uint8 and image.ndim == 3):
@@ -91,7 +91,7 @@ def _check_image(when: str, image: Any) -> None:
     raise FrameError(f"{when} has an image of {found}; it must be {allowed}")
 
 
-def _planar(when: str, pose: Any) -> Array | None:
+def planar(when: str, pose: Any) -> Array | None:
     """Return a pose in the plane, or one in space (7,) or (4, 4) as one; None if it is neither."""
     found = finite_numbers(pose, (3,))
     if found is not None or all(finite_numbers(pose, shape) is None for shape in ((7,), (4, 4))):

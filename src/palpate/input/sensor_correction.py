@@ -14,6 +14,14 @@ from palpate.types.measurements import Frame
 _REMEMBERED = 1.0  # [s] of sensor poses, from which the pose at an image's time is interpolated
 
 
+def moved_on(estimate: Estimate, motion: Array | None) -> Estimate:
+    """Return an estimate moved with the sensor (3,), which the object follows in contact; between contacts it rests."""
+    if motion is None or not estimate.contact:
+        return estimate
+    answers = tuple(replace(answer, pose=se2.compose(motion, answer.pose)) for answer in estimate.answers)
+    return replace(estimate, pose=se2.compose(motion, estimate.pose), answers=answers)
+
+
 class SensorCorrection:
     """Gives frames the pose that the sensor had when the image was taken, and estimates the time of the frame."""
 
@@ -51,11 +59,7 @@ class SensorCorrection:
 
         In contact the object moves with the sensor; between contacts it rests.
         """
-        motion = used.motion_since_image
-        if motion is None or not estimate.contact:
-            return estimate
-        answers = tuple(replace(answer, pose=se2.compose(motion, answer.pose)) for answer in estimate.answers)
-        return replace(estimate, pose=se2.compose(motion, estimate.pose), answers=answers)
+        return moved_on(estimate, used.motion_since_image)
 
     def _before(self, time: float) -> list[tuple[float, Array]]:
         """Return times and poses of the last second before a time [s]."""

@@ -14,8 +14,8 @@ from palpate.hypotheses.proposals.contact_places import (
     BeliefsAtPlaces,
     choose_beliefs,
 )
-from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
 from palpate.hypotheses.proposals.hand_places import leaves_several_places, places_of_contact
+from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
 from palpate.hypotheses.rows import Hypotheses, origins
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import ContactModel

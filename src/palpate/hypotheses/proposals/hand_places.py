@@ -87,51 +87,58 @@ class _Other(NamedTuple):
 
 def _fitted(places: BeliefsAtPlaces, other: _Other) -> BeliefsAtPlaces:
     """Return the places with what another finger says of them, without those that it contradicts."""
-    belief = places.belief
-    pose = belief.pose
-    covariance = belief.pose_covariance
-    moved = np.zeros((len(pose), 3))  # in the tangent space at the places
-    for _ in range(_ITERATIONS if other.touches else 1):
-        residual, slope, variance = _seen(belief, pose, other)
-        expected = slope @ covariance @ slope.transpose(0, 2, 1) + variance
-        gain = covariance @ slope.transpose(0, 2, 1) @ np.linalg.inv(expected)
-        off = residual - np.einsum("nri,ni->nr", slope, moved)
-        if not other.touches:
-            off = np.minimum(off, 0.0)
-            break
-        moved = -np.einsum("nir,nr->ni", gain, off)
-        pose = se2.compose(belief.pose, se2.exp(moved))
-    squares = np.einsum("nr,nrs,ns->n", off, np.linalg.inv(expected), off)
-    log_likelihood = places.log_likelihood - 0.5 * squares
+    moved = np.zeros((len(places.parent), 3))  # in the tangent space at the places
+    update = _updated(places.belief, moved, other)
     if not other.touches:
+        outside = np.minimum(update.off, 0.0)
+        squares = np.einsum("nr,nrs,ns->n", outside, np.linalg.inv(update.expected), outside)
         kept = np.flatnonzero(squares < UNLIKELY**2)
-        return _with(places, log_likelihood).take(kept) if len(kept) else places
-    log_likelihood -= 0.5 * np.linalg.slogdet(expected)[1]
-    left = _seen(belief, pose, other)[0]
-    unfit = np.square(left) / np.diagonal(variance, axis1=1, axis2=2)
+        likely = BeliefsAtPlaces(places.belief, places.parent, places.log_likelihood - 0.5 * squares)
+        return likely.take(kept) if len(kept) else places
+    for _ in range(_ITERATIONS):
+        moved = -np.einsum("nir,nr->ni", update.gain, update.off)
+        update = _updated(places.belief, moved, other)
+    squares = np.einsum("nr,nrs,ns->n", update.off, np.linalg.inv(update.expected), update.off)
+    unfit = np.square(update.residual) / update.variances
     kept = np.flatnonzero((squares < 2.0 * UNLIKELY**2) & (unfit < UNLIKELY**2).all(axis=1))
     if not len(kept):
         return places
-    joint = belief.covariance.copy()
-    joint[:, :3, :3] -= gain @ expected @ gain.transpose(0, 2, 1)
-    fitted = BeliefsAtPlaces(Belief(pose, belief.values, joint), places.parent, log_likelihood)
-    return fitted.take(kept)
+    joint = places.belief.covariance.copy()
+    joint[:, :3, :3] -= update.gain @ update.expected @ update.gain.transpose(0, 2, 1)
+    belief = Belief(se2.compose(places.belief.pose, se2.exp(moved)), places.belief.values, joint)
+    log_likelihood = places.log_likelihood - 0.5 * squares - 0.5 * np.linalg.slogdet(update.expected)[1]
+    return BeliefsAtPlaces(belief, places.parent, log_likelihood).take(kept)
 
 
-def _seen(belief: Belief, pose: Array, other: _Other) -> tuple[Array, Array, Array]:
-    """Return what another finger sees less what it would at poses (N, 3), by its slopes, and variances.
+class _Update(NamedTuple):
+    """What another finger sees of the object at N places, linearised at poses near these."""
 
-    These are (N, R), (N, R, 3) by motions of the object in its frame, and (N, R, R): the distance from the outline and,
-    if it touches and measures it, the direction.
-    """
+    residual: Array
+    """Seen there, less measured, (N, R)."""
+    variances: Array
+    """Of what is measured, (R,)."""
+    off: Array
+    """The same at the places themselves, (N, R)."""
+    expected: Array
+    """Covariance of that, (N, R, R)."""
+    gain: Array
+    """Gain (N, 3, R) on the pose."""
+
+
+def _updated(belief: Belief, moved: Array, other: _Other) -> _Update:
+    """Return what another finger sees once the object has moved from the beliefs by tangent vectors (N, 3)."""
+    pose = se2.compose(belief.pose, se2.exp(moved))
     residual, deviations = _residual(belief, pose, other)
     slopes = np.empty((*residual.shape, 3))
     for k, change in enumerate(_DIFFERENCE * np.eye(3)):
-        there, _ = _residual(belief, se2.compose(pose, change), other)
-        difference = there - residual
+        difference = _residual(belief, se2.compose(pose, change), other)[0] - residual
         difference[:, 1:] = se2.wrap(difference[:, 1:])
         slopes[..., k] = difference / _DIFFERENCE
-    return residual, slopes, np.broadcast_to(np.diag(np.square(deviations)), (*residual.shape, len(deviations)))
+    variances = np.square(deviations)
+    across = belief.pose_covariance @ slopes.transpose(0, 2, 1)
+    expected = slopes @ across + np.diag(variances)
+    off = residual - np.einsum("nri,ni->nr", slopes, moved)
+    return _Update(residual, variances, off, expected, across @ np.linalg.inv(expected))
 
 
 def _residual(belief: Belief, pose: Array, other: _Other) -> tuple[Array, list[float]]:
@@ -147,11 +154,6 @@ def _residual(belief: Belief, pose: Array, other: _Other) -> tuple[Array, list[f
     off = se2.wrap(np.angle(-normal * np.exp(-1j * g[:, 2])) - angle)
     sigma = max(float(np.sqrt(variance)), _LEAST_DIRECTION_SIGMA)
     return np.column_stack([gap[:, 0], off]), [_GAP_SIGMA, sigma]
-
-
-def _with(places: BeliefsAtPlaces, log_likelihood: Array) -> BeliefsAtPlaces:
-    """Return the same places with other log probabilities (N,)."""
-    return BeliefsAtPlaces(places.belief, places.parent, log_likelihood)
 
 
 def _joined(one: BeliefsAtPlaces, other: BeliefsAtPlaces) -> BeliefsAtPlaces:

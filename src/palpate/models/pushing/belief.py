@@ -71,7 +71,7 @@ class Belief(RowArrays):
 
 
 def place_of(variable: Variable, finger: int) -> slice:
-    """Return the place of a finger's variable among those of the object, the same with any number of further fingers."""
+    """Return the place of a finger's variable among those of the object, whatever number of fingers comes after it."""
     if finger == 0:
         return _IN_OBJECT[variable]
     return hand_model(finger + 1).in_object[variable_of(variable, finger)]

@@ -87,7 +87,9 @@ def hand_pushing(fingers: int) -> CompiledModel:
         return compiled_model(model, generated_two_fingers, "two_fingers")
     folder = cache_folder(PUSHING.improve)
     if not folder:
-        raise SettingError(f"a hand of {fingers} fingers needs a folder in which compiled code is kept: NUMBA_CACHE_DIR")
+        raise SettingError(
+            f"a hand of {fingers} fingers needs a folder in which compiled code is kept: NUMBA_CACHE_DIR"
+        )
     Path(folder).mkdir(parents=True, exist_ok=True)
     return extended_pushing(model, Path(folder) / f"palpate_{fingers}_fingers.py")
 

@@ -10,8 +10,8 @@ from palpate.config import Priors
 from palpate.estimation import window
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.rows import Indices
-from palpate.estimation.window import LAG
 from palpate.estimation.variable import Variable
+from palpate.estimation.window import LAG
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.compiled import PUSHING

@@ -1,0 +1,361 @@
+"""The sensors of a tracker: one, or the fingers of a hand. Each takes a frame through input, touch and the estimate."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.config import NoiseSettings, Priors, TactileChoice, TrackerSettings
+from palpate.errors import SettingError
+from palpate.estimation.compiled_model import CompiledModel
+from palpate.geometry.shapes import Shape
+from palpate.hypotheses.filter import MultiHypothesisFilter
+from palpate.hypotheses.posterior import Posterior
+from palpate.input.checked_frame import CheckedFrame
+from palpate.input.frame_values import checked_measurements, with_checked_values
+from palpate.input.hand_gate import CheckedHand, HandGate
+from palpate.input.hand_values import check_one_sensor
+from palpate.input.input_gate import InputGate
+from palpate.input.sensor_correction import SensorCorrection, moved_on
+from palpate.models.pushing.compiled import PUSHING, hand_pushing
+from palpate.models.pushing.contact_geometry import ContactModel, contact_model, hand_contact_model
+from palpate.models.pushing.hand import variable_of
+from palpate.models.pushing.measurements import Fingers, OfFinger
+from palpate.status import Evidence, InputEvidence, decide
+from palpate.touch.background import Background
+from palpate.touch.calibration import Calibration
+from palpate.touch.pipeline import Touch, TouchReader
+from palpate.touch.touch_model import TouchModel
+from palpate.tracker_arguments import check_arguments, noise_of_unit
+from palpate.types.estimate import Estimate
+from palpate.types.hand import Hand, check_names
+from palpate.types.measurements import Frame, Measurement
+from palpate.types.sensor import SensorProfile
+
+
+@dataclass(frozen=True, eq=False)
+class ForFilter:
+    """What the filter of a tracker is made with."""
+
+    model: ContactModel
+    noise: NoiseSettings
+    compiled: CompiledModel
+    may_be_mirrored: bool
+    """True if it is open how images lie or, of a hand, which of two fingers they are of."""
+    priors_of_fingers: tuple[Priors, ...] = ()
+
+
+class Sensors(Protocol):
+    """One sensor, or the fingers of a hand, as a tracker uses them."""
+
+    for_filter: ForFilter
+
+    @property
+    def last(self) -> Frame | None:
+        """The last frame as it was used."""
+        ...
+
+    @property
+    def tactile(self) -> TactileChoice:
+        """Source of the touch measurements."""
+        ...
+
+    @property
+    def tactile_reason(self) -> str:
+        """Reason for that choice."""
+        ...
+
+    @property
+    def backgrounds(self) -> dict[str, Background]:
+        """Copies of the untouched gels that are known, by finger; "" is one sensor."""
+        ...
+
+    def reset(self) -> None:
+        """Begin anew with the same untouched gels."""
+        ...
+
+    def name_of_variable(self, name: str) -> str:
+        """Return the name by which the graph knows a variable."""
+        ...
+
+    def check(self, frame: Frame, measurements: Sequence[Measurement], predicted: MultiHypothesisFilter) -> Any:
+        """Refuse implausible input, correct the sensor's pose, and decide contact."""
+        ...
+
+    def measure(self, checked: Any) -> Any:
+        """Return the measurements by touch, of a frame in contact."""
+        ...
+
+    def step(self, estimator: MultiHypothesisFilter, checked: Any, measured: Any) -> Posterior:
+        """Take the frame and its measurements to all hypotheses."""
+        ...
+
+    def accept(self, checked: Any, measured: Any) -> None:
+        """Make a frame the last one, now that it was used."""
+        ...
+
+    def estimate(self, checked: Any, posterior: Posterior) -> Estimate:
+        """Return the estimate at the time of the frame, with its status and the reason for it."""
+        ...
+
+
+class OneSensor:
+    """One sensor: its gate, its correction by a calibration, and its reader of touch."""
+
+    def __init__(
+        self,
+        shape: Shape,
+        settings: TrackerSettings,
+        of_sensor: tuple[SensorProfile, TouchModel | None, Calibration | None, Touch | None],
+        set_up_sigma: ArrayLike | None,
+        is_view_known: bool,
+        graph: CompiledModel,
+    ) -> None:
+        sensor, model, calibration, touch = of_sensor
+        self._tips = len(sensor.tips)
+        self._correction = SensorCorrection(calibration.set_up if calibration else None)
+        self._gate = InputGate(sensor, calibration, settings.markers == "auto")
+        self._is_touch_given = touch is not None
+        is_view_known |= calibration is not None and calibration.is_view_known
+        pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
+        noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
+        may_be_mirrored = not (is_view_known or self._is_touch_given)
+        self.for_filter = ForFilter(contact_model(shape, sensor), noise, graph, may_be_mirrored)
+        self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
+
+    @property
+    def last(self) -> Frame | None:
+        """The last frame as it was used."""
+        return self._gate.last
+
+    @property
+    def tactile(self) -> TactileChoice:
+        """Source of the touch measurements."""
+        return self._touch.tactile
+
+    @property
+    def tactile_reason(self) -> str:
+        """Reason for that choice."""
+        return self._touch.reason
+
+    @property
+    def backgrounds(self) -> dict[str, Background]:
+        """A copy of the untouched gel, if it is known."""
+        background = self._gate.background
+        return {} if background is None else {"": background.copy()}
+
+    def reset(self) -> None:
+        """Begin anew with the same untouched gel."""
+        self._touch.end_contact()
+        self._gate.reset()
+        self._correction.reset()
+
+    def name_of_variable(self, name: str) -> str:
+        """Return the name by which the graph knows a variable."""
+        return name
+
+    def check(
+        self, frame: Frame, measurements: Sequence[Measurement], predicted: MultiHypothesisFilter
+    ) -> CheckedFrame:
+        """Refuse implausible input, correct the sensor's pose, and decide contact."""
+        check_one_sensor(frame)
+        given = with_checked_values(frame, measurements, self._tips)
+        corrected = self._correction.corrected(given)
+        return self._gate.check(corrected, predicted, self._touch.reads_images, self._touch.needs_colours)
+
+    def measure(self, checked: CheckedFrame) -> Sequence[Measurement]:
+        """Return the measurements by touch, of a frame in contact."""
+        if checked.ends_contact:
+            self._touch.end_contact()
+        frame = checked.frame
+        self._touch.choose(frame.image, checked.background)
+        is_blind = checked.evidence.touches_since_start and self._touch.reads_images
+        if not frame.contact or is_blind or not checked.shows_touch:
+            return ()
+        measured = self._touch.read(frame, checked.background, checked.light)
+        return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
+
+    def step(
+        self, estimator: MultiHypothesisFilter, checked: CheckedFrame, measured: Sequence[Measurement]
+    ) -> Posterior:
+        """Take the frame and its measurements to all hypotheses."""
+        return estimator.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
+
+    def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
+        """Make a frame the last one, now that it was used."""
+        self._gate.accept(checked, measured)
+        self._correction.accept(checked.corrected)
+
+    def estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
+        """Return the estimate at the time of the frame, with its status and the reason for it."""
+        stream = replace(checked.evidence, sunk=self._touch.sunk)
+        estimate = _decided(posterior, stream, checked.frame.time)
+        return self._correction.at_frame_time(estimate, checked.corrected)
+
+
+@dataclass(frozen=True, eq=False)
+class Units:
+    """What belongs to single fingers of a hand, by their names; some may be left out."""
+
+    models: Mapping[str, TouchModel]
+    calibrations: Mapping[str, Calibration]
+    touch: Mapping[str, Touch]
+
+
+class SeveralFingers:
+    """The fingers of a hand: a gate and a reader of touch for each."""
+
+    def __init__(
+        self,
+        shape: Shape,
+        hand: Hand,
+        settings: TrackerSettings,
+        units: Units,
+        set_up_sigma: ArrayLike | None,
+        is_view_known: bool,
+    ) -> None:
+        calibrations = units.calibrations
+        self._own = units.touch
+        self._readers = {
+            name: TouchReader(
+                settings.tactile, sensor, units.models.get(name), calibrations.get(name), units.touch.get(name)
+            )
+            for name, sensor in hand.fingers.items()
+        }
+        self._gate = HandGate(hand, calibrations, self._readers, settings.markers == "auto")
+        self._hand = hand
+        noise = noise_of_unit(settings.noise, None, 0.0, set_up_sigma)
+        of_fingers = [
+            noise_of_unit(
+                settings.noise, calibrations.get(name), 0.0 if name in units.touch else sensor.pixel_pitch_sigma
+            )
+            for name, sensor in hand.fingers.items()
+        ]
+        self.for_filter = ForFilter(
+            hand_contact_model(shape, list(hand.fingers.values())),
+            noise,
+            hand_pushing(len(hand.fingers)),
+            may_be_mirrored=not is_view_known and len(hand.fingers) == 2,
+            priors_of_fingers=tuple(each.priors for each in of_fingers),
+        )
+
+    @property
+    def last(self) -> Frame | None:
+        """The last frame as it was used."""
+        return self._gate.last
+
+    @property
+    def tactile(self) -> TactileChoice:
+        """Source of the touch measurements: learnt if any finger's images are read."""
+        readers = list(self._readers.values())
+        return next((reader for reader in readers if reader.tactile == "learnt"), readers[0]).tactile
+
+    @property
+    def tactile_reason(self) -> str:
+        """Reason for that choice, by finger where they differ."""
+        reasons = {name: reader.reason for name, reader in self._readers.items()}
+        if len(set(reasons.values())) == 1:
+            return next(iter(reasons.values()))
+        return "; ".join(f"{name}: {reason}" for name, reason in reasons.items() if reason)
+
+    @property
+    def backgrounds(self) -> dict[str, Background]:
+        """Copies of the untouched gels that are known, by finger."""
+        gels = {finger.name: finger.gate.background for finger in self._gate.fingers}
+        return {name: gel.copy() for name, gel in gels.items() if gel is not None}
+
+    def reset(self) -> None:
+        """Begin anew with the same untouched gels."""
+        self._gate.reset()
+
+    def name_of_variable(self, name: str) -> str:
+        """Return the name by which the graph knows a variable, of a finger if it is named: "depth.left"."""
+        variable, _, finger = name.partition(".")
+        if not finger:
+            return name
+        check_names(f"variable {variable!r}", {finger: None}, self._hand.fingers)
+        number = list(self._hand.fingers).index(finger)
+        return next((variable_of(each, number).name for each in PUSHING.model.shared if each.name == variable), name)
+
+    def check(self, frame: Frame, measurements: Sequence[Measurement], predicted: MultiHypothesisFilter) -> CheckedHand:
+        """Refuse implausible input, bring the fingers to one time, and decide the contact of each."""
+        return self._gate.check(frame, measurements, predicted)
+
+    def measure(self, checked: CheckedHand) -> Mapping[int, Sequence[Measurement]]:
+        """Return the measurements by touch of each finger that touches, by its number."""
+        measured = self._gate.measure(checked)
+        names = list(self._hand.fingers)
+        return {
+            number: checked_measurements(checked.frame.time, given, 1) if names[number] in self._own else given
+            for number, given in measured.items()
+        }
+
+    def step(
+        self, estimator: MultiHypothesisFilter, checked: CheckedHand, measured: Mapping[int, Sequence[Measurement]]
+    ) -> Posterior:
+        """Take the frame and its measurements to all hypotheses."""
+        fingers = Fingers(checked.mounts, checked.touches, np.where(checked.touches, self._gate.sunk, 0.0))
+        of_fingers = [OfFinger(number, one) for number, given in measured.items() for one in given]
+        hidden = checked.evidence.hidden_motion
+        return estimator.step(checked.frame, hidden_motion=hidden, fingers=fingers, of_fingers=of_fingers)
+
+    def accept(self, checked: CheckedHand, measured: Mapping[int, Sequence[Measurement]]) -> None:
+        """Make a frame the last one, now that it was used."""
+        self._gate.accept(checked, measured)
+
+    def estimate(self, checked: CheckedHand, posterior: Posterior) -> Estimate:
+        """Return the estimate at the time of the frame, with its status and the reason for it."""
+        stream = replace(checked.evidence, sunk=float(self._gate.sunk.max()))
+        return moved_on(_decided(posterior, stream, checked.frame_time), checked.motion_since)
+
+
+def _decided(posterior: Posterior, stream: InputEvidence, time: float) -> Estimate:
+    """Return the estimate of a posterior at a time [s], with the status that all evidence decides."""
+    return posterior.estimate(time, decide(Evidence(posterior.evidence, stream)))
+
+
+def hand_of(sensor: Any, mounts: Mapping[str, ArrayLike] | None) -> Hand | None:
+    """Return the hand that a tracker's arguments describe; None for one sensor. Raises SettingError on bad values."""
+    if isinstance(sensor, Hand):
+        if mounts is not None:
+            raise SettingError("mounts are given beside a palpate.Hand, which has its own; allowed is one of both")
+        return sensor if len(sensor.fingers) > 1 else _refused(sensor)
+    if isinstance(sensor, Mapping):
+        hand = Hand(sensor, {} if mounts is None else mounts)  # pyright: ignore[reportArgumentType]  checked by it
+        return hand if len(hand.fingers) > 1 else _refused(hand)
+    if mounts is not None:
+        raise SettingError("mounts are of the fingers of a hand, and the sensor is one; allowed are sensors by name")
+    return None
+
+
+def _refused(hand: Hand) -> Hand:
+    """Raise SettingError on a hand of one finger."""
+    name = next(iter(hand.fingers))
+    raise SettingError(
+        f"hand has one finger, {name!r}; allowed are two or more, or the sensor itself in place of a hand"
+    )
+
+
+def units_of(shape: Shape, settings: Any, hand: Hand, model: Any, calibration: Any, touch: Any) -> Units:
+    """Return what belongs to single fingers; raises SettingError on values of another kind or finger."""
+    models = dict.fromkeys(hand.fingers, model) if isinstance(model, TouchModel) else _by_finger("model", model, hand)
+    calibrations = _by_finger("calibration", calibration, hand)
+    own = _by_finger("touch", touch, hand)
+    for name in hand.fingers:
+        try:
+            check_arguments(shape, settings, models.get(name), calibrations.get(name), own.get(name))
+        except SettingError as error:
+            raise SettingError(f"finger {name!r}: {error}") from error
+    return Units(models, calibrations, own)
+
+
+def _by_finger(what: str, given: Any, hand: Hand) -> dict[str, Any]:
+    """Return values by finger; raises SettingError unless they are a dictionary by the names of fingers, or None."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise SettingError(f"{what} is of no finger; allowed is a dictionary by {', '.join(hand.fingers)}")
+    check_names(what, given, hand.fingers)
+    return {name: value for name, value in given.items() if value is not None}
