@@ -30,14 +30,12 @@ def check_one_sensor(frame: Any) -> None:
 def with_checked_hand_values(frame: Any, measurements: Any, hand: Hand) -> Frame:
     """Return a copy of a frame of a hand, so that a driver may reuse its arrays, with further measurements added.
 
+    A contact of no finger says less than those of the fingers, and is left out.
     Raises FrameError on a value that is not allowed, or of a finger that is not there.
     """
-    names = ", ".join(hand.fingers)
-    for field in ("image", "contact"):
-        if isinstance(frame, Frame) and getattr(frame, field) is not None:
-            raise FrameError(
-                f"frame at {frame.time} s has {field} of no finger; allowed are {field}s={{NAME: ...}} of {names}"
-            )
+    if isinstance(frame, Frame) and frame.image is not None:
+        names = ", ".join(hand.fingers)
+        raise FrameError(f"frame at {frame.time} s has image of no finger; allowed are images={{NAME: ...}} of {names}")
     # Contact is decided finger by finger.
     checked = with_checked_values(_flagged(frame), measurements, len(hand.fingers))
     when = f"frame at {checked.time:.3f} s"
