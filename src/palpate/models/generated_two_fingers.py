@@ -204,7 +204,7 @@ def balance(before: Records, now: Records, row: Records, settings: Records, out:
     out.jacobian[0, 23] = d1*t13
     out.jacobian[0, 24] = d9*support_radius
     out.jacobian[0, 25] = d12*support_radius
-    information0 = 1.0 / (settings.balance.load**2*now.apart**2*t12 + settings.balance.share**2*t11*t12 + settings.balance.still**2)
+    information0 = 1.0 / (settings.balance.share**2*t11*t12 + settings.balance.still**2 + 16.0*now.apart**2*t12)
     out.information[0] = information0
     out.weight[0] = information0 * cauchy(information0 * out.residual[0]**2, settings.balance.kernel)
     return 1

@@ -39,10 +39,15 @@ _FACTORS = (STICKING, DISTURBED_SLIDE, CONTACT, DIRECTION, PLACE, TURN, CORNER)
 """Factors that hold at each finger."""
 
 
+LOAD_SHARE = 4.0
+"""Error of the place of the load between fingers that touch, as a share of the distance between them. It is the same
+over hundreds of steps, so that a smaller number would learn a centre of friction from it."""
+
+
 def _variance_of_balance(now: Any, noise: Any, support: Any) -> tuple[Scalar]:
     """Return the variance [m^4] of the limit surface's form, and of how the fingers that touch share the load."""
     form = noise.still**2 + (noise.share * now.moved * support.radius) ** 2
-    load = (noise.load * now.apart * now.moved) ** 2
+    load = (LOAD_SHARE * now.apart * now.moved) ** 2
     return (form + load,)
 
 
@@ -66,7 +71,7 @@ def hand_model(fingers: int) -> Model:
     hand = replace(
         MODEL,
         factors=first,
-        step_numbers=tuple(name for name in (*MODEL.step_numbers, "apart") if name != "sunk"),
+        step_numbers=tuple(name for name in (*MODEL.step_numbers, "touching", "apart") if name != "sunk"),
         fingers=fingers,
         finger_numbers=("sunk",),
     )

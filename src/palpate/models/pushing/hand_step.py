@@ -1,7 +1,6 @@
 """What a step of pushing with several fingers brings besides its factors: the contact of each finger and of the hand.
 
-The hand's contact is what balance and friction cone read: the middle of the touched points, and the normal by which the
-angle of the pushing force counts.
+The hand's contact is what balance and friction cone read: the middle of the touched points, with the mean normal.
 """
 
 import math
@@ -17,11 +16,6 @@ from palpate.models.pushing.contact_geometry import put_touch_of_finger
 from palpate.models.pushing.force import NEIGHBOURS, eased, make_motion
 from palpate.models.pushing.step import SHARE_OF_SINKING, go_on
 from palpate.models.pushing.variables import GRIP
-
-GRIPPED = -0.2
-"""Cosine of the angle between the normals of two fingers below which they grip the object between them: it then moves
-with the hand in any direction."""
-
 
 @kernel
 def prepare_hand_step(now: Records, surfaces: Any) -> None:
@@ -54,6 +48,7 @@ def _put_touch_of_hand(now: Records) -> None:
     count = 0.0
     for k in range(len(now.touches)):
         count += now.touches[k]
+    now.touching = count
     now.apart = 0.0
     if count == 0.0:
         hand.normal = 1.0
@@ -84,50 +79,24 @@ def make_put_hand_force(model: Model) -> Any:
     def put_hand_force(steps: Records, k: int, row: Records, settings: Records) -> None:
         """Write the angle of the pushing force at step k, and how much the contact slides, with the force's sign.
 
-        The angle is that by which the force is beyond the normals of all fingers that touch, from the nearest of these,
-        whose normal becomes that of the hand; 0 between the normals, and while fingers grip.
+        Of several fingers that touch, each has a force of its own, which their motion does not tell. Nearly always
+        one of them is inside its friction cone and holds the object; then the angle is 0.
         """
         now = steps[k]
         if k == 0:
             now.force_angle = math.nan
             now.sliding = 0.0
             return
-        moved = motion(steps, k, row, settings)
-        angle = _beyond_normals(now, moved)
+        angle = 0.0
+        if now.touching < 1.5:
+            inward = -now.touch.normal * now.turn_e * now.turn_g.conjugate()
+            along = motion(steps, k, row, settings) * inward.conjugate()
+            angle = math.atan2(along.imag, along.real)
         now.force_angle = eased(now.force_angle, angle)
         edge = math.atan(math.exp(row.shared[grip_at])) - settings.sticking.margin
         now.sliding = side(now.force_angle) * beyond(now.force_angle, edge, settings.sticking.width)
 
     return put_hand_force
-
-
-@kernel
-def _beyond_normals(now: Records, moved: complex) -> float:
-    """Return the angle of a motion in the world from the nearest inward normal, if it is beyond all; else 0 [rad]."""
-    nearest = -1
-    least = math.inf
-    sides = 0.0
-    count = 0.0
-    in_object = now.turn_e.conjugate() * now.turn_g * moved
-    for k in range(len(now.touches)):
-        if now.touches[k] > 0.5:
-            normal = now.touch_of[k].normal
-            along = -in_object * normal.conjugate()
-            angle = math.atan2(along.imag, along.real)
-            count += 1.0
-            sides += side(angle)
-            if abs(angle) < abs(least):
-                least = angle
-                nearest = k
-            for j in range(k):
-                if now.touches[j] > 0.5 and (normal * now.touch_of[j].normal.conjugate()).real < GRIPPED:
-                    return 0.0
-    if nearest < 0 or abs(sides) < count:
-        return 0.0
-    now.touch.normal = now.touch_of[nearest].normal
-    for c in range(3):
-        now.touch.normal_by_g[c] = now.touch_of[nearest].normal_by_g[c]
-    return least
 
 
 def make_put_last_hand_force(model: Model) -> Any:
