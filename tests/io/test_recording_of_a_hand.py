@@ -36,7 +36,7 @@ def recording():
 
 def test_a_frame_holds_what_is_known_of_each_finger(recording):
     frame = recording[1]
-    assert frame.image is None and frame.contact is True
+    assert frame.image is None and frame.contact is None
     assert frame.contacts == {"left": False, "right": True}
     assert list(frame.images) == ["left"] and frame.images["left"].shape == (320, 240, 3)
     assert list(recording[3].images) == ["left", "right"]

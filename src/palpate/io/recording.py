@@ -222,6 +222,13 @@ class Recording:
             return np.full((len(self), 3), np.nan)
         return self.object_pose
 
+    def tips(self) -> list[tuple[SensorProfile, Array]]:
+        """Return the sensor with its poses (N, 3), or each finger of a hand with its own, as stated."""
+        if self.hand is None:
+            return [(self.sensor, self.sensor_pose)]
+        poses = self.hand.poses(self.sensor_pose, self.finger_poses)
+        return [(finger, poses[name]) for name, finger in self.hand.fingers.items()]
+
     def __len__(self) -> int:
         return len(self.time)
 
@@ -241,7 +248,7 @@ class Recording:
             time=float(self.time[index]),
             sensor_pose=self.sensor_pose[index],
             image=image,
-            contact=None if self.contact is None else bool(self.contact[index]),
+            contact=None if self.contact is None or self.hand is not None else bool(self.contact[index]),
             object_pose=truth,
             **said,
         )

@@ -100,10 +100,12 @@ def draw_from_above(axes: "Axes", run: Run) -> None:
     if run.summary["scored_frames"]:
         axes.plot(*millimetres(run.recording.truth[:, :2]), color=TRUTH, lw=3.0, label="truth")
     axes.plot(*millimetres(online.pose[:, :2]), color=ESTIMATE, lw=1.4, label="estimate")
-    sensor = run.recording.sensor_pose[:, :2]
-    axes.plot(*millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
-    touching = np.where(online.contact[:, None], sensor, np.nan)
-    axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label="sensor (dotted: no contact)")
+    for index, (_, pose) in enumerate(run.recording.tips()):
+        sensor = pose[: len(online), :2]
+        axes.plot(*millimetres(sensor), color=SENSOR, lw=0.8, ls=":")
+        touching = np.where(online.contact[:, None], sensor, np.nan)
+        label = "" if index else "sensor (dotted: no contact)"
+        axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label=label)
     frames = np.linspace(0, len(online) - 1, 12).astype(int)
     ellipses = ellipses_95(online.pose[frames], online.covariance[frames])
     lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
@@ -150,9 +152,9 @@ def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
     if np.isfinite(truth).all():
         drawn += axes.fill(*outline_at(run, truth), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)
     drawn += axes.plot(*outline_at(run, run.online.pose[frame]), color=ESTIMATE, lw=1.8)
-    for pad in run.recording.sensor.pads:
-        placed = millimetres(se2.transform(run.recording.sensor_pose[frame], pad))
-        drawn += axes.fill(*placed, color=SENSOR, alpha=0.8, lw=0)
+    for sensor, pose in run.recording.tips():
+        for pad in sensor.pads:
+            drawn += axes.fill(*millimetres(se2.transform(pose[frame], pad)), color=SENSOR, alpha=0.8, lw=0)
     return drawn
 
 

@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +17,7 @@ from palpate.io.estimates import write_estimates_csv, write_estimates_mcap, writ
 from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.figures import draw, run_figure
 from palpate.pipeline.track import Run
+from palpate.touch.calibration import Calibration
 from palpate.types.space import Plane, flat
 
 SUMMARY = "summary.json"
@@ -65,6 +66,13 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
+def _files_of(calibration: Calibration | Mapping[str, Calibration] | None) -> Any:
+    """Return the file of a calibration, or of those of a hand by finger; None where there is none."""
+    if isinstance(calibration, Mapping):
+        return {name: _files_of(each) for name, each in calibration.items()}
+    return str(calibration.file.absolute()) if calibration and calibration.file else None
+
+
 def write_files(
     run: Run,
     folder: Path,
@@ -78,13 +86,12 @@ def write_files(
     """
     space = plane or flat()
     online = run.online
-    calibration = run.calibration
     recording_file = run.recording.file
     settings = {
         "palpate": palpate.__version__,
         "source": run.recording.source,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
-        "calibration": str(calibration.file.absolute()) if calibration and calibration.file else None,
+        "calibration": _files_of(run.calibration),
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
         "recording": RECORDING if recording_file is None else str(recording_file.absolute()),

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,8 +37,9 @@ class Run:
     """Settings of the tracker; `tactile` is the chosen source if auto was given."""
     model: TouchModel | None
     """Touch model, if touch was learnt."""
-    calibration: Calibration | None
-    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact."""
+    calibration: Calibration | Mapping[str, Calibration] | None
+    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact; of a hand
+    those given, by finger."""
     first_pose: Array
     """world_T_object at the start, (3,) [m, m, rad]."""
     first_pose_sigma: Array
@@ -60,7 +61,7 @@ def track(
     *,
     first_pose_sigma: ArrayLike | None = None,
     model: TouchModel | None = None,
-    calibration: Calibration | None = None,
+    calibration: Calibration | Mapping[str, Calibration] | None = None,
     progress: Callable[[int], None] | None = None,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
@@ -85,7 +86,7 @@ def track(
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
-        tracker = Tracker(recording.shape, recording.sensor, first, settings, model, calibration, **start)
+        tracker = Tracker(recording.shape, recording.hand or recording.sensor, first, settings, model, calibration, **start)
         why = tracker.tactile_reason or "as asked"
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, why)
@@ -115,7 +116,8 @@ def track(
         summary["tactile_reason"] = tracker.tactile_reason
     used_model = None
     if settings.tactile == "learnt":
-        used_model = model or shipped_model(recording.sensor.name)
+        finger = recording.sensor if recording.hand is None else next(iter(recording.hand.fingers.values()))
+        used_model = model or shipped_model(finger.name)
     run = Run(recording, settings, used_model, calibration, first, sigma, online, answers, step_ms, summary)
     if failure is not None and keep:
         keep(run)
@@ -125,7 +127,7 @@ def track(
 
 def _check_content(recording: Recording, tactile: TactileChoice) -> None:
     """Raise SettingError if a recording lacks something that tracking with this source of touch needs."""
-    has_images = recording.image is not None
+    has_images = recording.image is not None or bool(recording.images)
     lacking = ""
     if not has_images and recording.contact is None:
         lacking = "neither images nor contact flags, and tracking needs one"

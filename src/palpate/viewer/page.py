@@ -32,6 +32,7 @@ from palpate.pipeline.figures import (
 from palpate.pipeline.track import Run
 from palpate.status import ORIGINS
 from palpate.types.estimate import Origin
+from palpate.viewer.touch_picture import touch_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,14 +69,16 @@ def content(run: Run) -> dict[str, Any]:
         "pose": _poses(pose),
         "halfAxes": np.round(1e3 * half_axes.reshape(-1, 4), 2).tolist(),
         "truth": _poses(recording.truth[frames]),
-        "sensor": _poses(recording.sensor_pose[frames]),
         "others": [_poses(np.array([answer.pose for answer in run.answers[frame][1:]])) for frame in frames],
         "status": [online.status[frame] for frame in frames],
         "reason": [reasons.index(online.reason[frame]) for frame in frames],
         "reasons": reasons,
         "touch": _touch_images(run, frames),
         "outline": np.round(1e3 * recording.shape.outline(100), 2).tolist(),
-        "pads": [np.round(1e3 * pad, 2).tolist() for pad in recording.sensor.pads],
+        "tips": [
+            {"pads": [np.round(1e3 * pad, 2).tolist() for pad in sensor.pads], "pose": _poses(pose[frames])}
+            for sensor, pose in recording.tips()
+        ],
         "above": _picture(*_above(run)),
         "errors": _picture(*_over_time(run)),
         "colours": {"truth": TRUTH, "estimate": ESTIMATE, "sensor": SENSOR, "others": OTHERS, "status": STATUS_COLOURS},
@@ -163,11 +166,11 @@ def _touch_images(
     import cv2
 
     images: list[tuple[int, str]] = []
-    if run.recording.image is None:
+    if run.recording.image is None and run.recording.images is None:
         return images
     for place in range(0, len(frames), -(-len(frames) // most)):
         with suppress(FileError):  # of a damaged image
-            image = run.recording[int(frames[place])].image
+            image = touch_picture(run.recording, int(frames[place]))
             if image is None:
                 continue
             size = (max(round(image.shape[1] * height / image.shape[0]), 1), height)

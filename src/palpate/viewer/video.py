@@ -13,6 +13,7 @@ from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.figures import ESTIMATE, OTHERS, draw_moment, millimetres, outline_at, run_figure
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Answer, count_origins
+from palpate.viewer.touch_picture import picture_size, touch_picture
 
 SUFFIXES = (".mp4", ".gif")
 RATE = 10.0
@@ -97,9 +98,7 @@ def pictures(run: Run, frames: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
     above, *plots = figure.axes
     figure.subplots_adjust(right=0.84)
     touch = figure.add_axes((0.85, 0.35, 0.14, 0.4))
-    height = max(run.recording.sensor.image_height, 1)
-    width = max(run.recording.sensor.image_width, 1)
-    touch_image = touch.imshow(np.zeros((height, width, 3), np.uint8), animated=True)
+    touch_image = touch.imshow(np.zeros((*picture_size(run.recording), 3), np.uint8), animated=True)
     title = touch.set_title(" ", fontsize=11, animated=True)
     touch.axis("off")
     time = run.online.time - run.online.time[0]
@@ -118,7 +117,7 @@ def pictures(run: Run, frames: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
         title.set_text("\n".join(lines))
         shown = [*moving, title]
         with suppress(FileError):  # of a damaged image
-            image = run.recording[frame].image
+            image = touch_picture(run.recording, frame)
             if image is not None:
                 touch_image.set_data(image)
                 shown.append(touch_image)
