@@ -230,17 +230,19 @@ def ambiguous_by_origin(status: Sequence[str], answers: Answers) -> dict[Origin,
     return shares
 
 
-def innovation_scores(innovations: Sequence[Array | None]) -> dict[str, dict[str, float | None]]:
+def innovation_scores(
+    innovations: Sequence[Array | None], names: Sequence[str] = NAMES
+) -> dict[str, dict[str, float | None]]:
     """Return scores of the `Estimate.innovations` of N frames for each factor that has some; 1, 1 and 0 are right.
 
-    The mean square is that of innovations over their standard deviation, of prediction and measurement together. The
+    `names` are those of the factors. The mean square is that of innovations over their standard deviation, of prediction and measurement together. The
     variance ratio is that of their squares over the stated variance alone, where this is no less than a hundredth of
     the predicted one. The autocorrelation is from frame to frame.
     """
-    empty = np.zeros((len(NAMES), 6, 3))
+    empty = np.zeros((len(names), 6, 3))
     rows = np.array([empty if frame is None else frame for frame in innovations])
     scores = {}
-    for factor, name in enumerate(NAMES):
+    for factor, name in enumerate(names):
         value = rows[:, factor, :, 0]
         predicted = rows[:, factor, :, 1]
         stated = rows[:, factor, :, 2]

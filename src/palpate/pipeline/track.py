@@ -15,6 +15,8 @@ from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError, kept_warnings, one_line
 from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
+from palpate.models.pushing.compiled import hand_pushing
+from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
@@ -86,7 +88,9 @@ def track(
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
-        tracker = Tracker(recording.shape, recording.hand or recording.sensor, first, settings, model, calibration, **start)
+        tracker = Tracker(
+            recording.shape, recording.hand or recording.sensor, first, settings, model, calibration, **start
+        )
         why = tracker.tactile_reason or "as asked"
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, why)
@@ -104,7 +108,7 @@ def track(
     wall_s = time.perf_counter() - begin
     summary = _scores(recording, settings, online, step_ms, wall_s)
     summary["ambiguous_by_origin"] = ambiguous_by_origin(online.status, answers)
-    summary["innovations"] = innovation_scores([estimate.innovations for estimate in estimates])
+    summary["innovations"] = innovation_scores([each.innovations for each in estimates], _factors(recording))
     summary["reasons"] = reasons_of(online.status, online.reason)
     summary |= {
         "final_reason": estimates[-1].reason,
@@ -123,6 +127,11 @@ def track(
         keep(run)
         raise failure
     return run
+
+
+def _factors(recording: Recording) -> tuple[str, ...]:
+    """Return the names of the factors that a recording is tracked with."""
+    return NAMES if recording.hand is None else hand_pushing(len(recording.hand.fingers)).model.names
 
 
 def _check_content(recording: Recording, tactile: TactileChoice) -> None:
