@@ -235,7 +235,9 @@ def innovation_scores(
 ) -> dict[str, dict[str, float | None]]:
     """Return scores of the `Estimate.innovations` of N frames for each factor that has some; 1, 1 and 0 are right.
 
-    `names` are those of the factors. The mean square is that of innovations over their standard deviation, of prediction and measurement together. The
+    `names` are those of all factors.
+
+    The mean square is that of innovations over their standard deviation, of prediction and measurement together. The
     variance ratio is that of their squares over the stated variance alone, where this is no less than a hundredth of
     the predicted one. The autocorrelation is from frame to frame.
     """

@@ -40,8 +40,8 @@ class Run:
     model: TouchModel | None
     """Touch model, if touch was learnt."""
     calibration: Calibration | Mapping[str, Calibration] | None
-    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact; of a hand
-    those given, by finger."""
+    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact; of a
+    hand those that were given, by finger."""
     first_pose: Array
     """world_T_object at the start, (3,) [m, m, rad]."""
     first_pose_sigma: Array
@@ -83,14 +83,17 @@ def track(
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
     _check_content(recording, settings.tactile)
-    warm_up()  # its message is not one of the recording's warnings
+    # Its message is not one of the recording's warnings.
+    if recording.hand is None:
+        warm_up()
+    else:
+        warm_up(len(recording.hand.fingers))
     with kept_warnings() as warnings:
         calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
-        tracker = Tracker(
-            recording.shape, recording.hand or recording.sensor, first, settings, model, calibration, **start
-        )
+        sensor = recording.hand or recording.sensor
+        tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
         why = tracker.tactile_reason or "as asked"
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, why)
