@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeAlias
 import tyro
 
 import palpate
-from palpate.cli.quantities import ANGLE, LENGTH, PURE, TIME, quantities
+from palpate.cli.quantities import ANGLE, LENGTH, PURE, TIME, quantities, quantity
 from palpate.errors import PalpateError, SettingError, kept_warnings
 from palpate.types.choices import (
     DEFAULT_NOISE,
@@ -99,15 +99,23 @@ class SensorUnit:
     model: Annotated[Path | None, arg("MODEL", "the sensor's own")] = None
     """Folder of a touch model, or the name of a sensor whose own it is."""
     calibration: Annotated[Path | None, arg("UNIT.npz", "the first half second is taken as untouched")] = None
-    """Calibration of the sensor unit, from palpate calibrate."""
+    """Calibration of the sensor unit, from palpate calibrate; of a hand FINGER=UNIT.npz for each, with commas."""
     markers: Marker = TrackerChoices.markers
 
-    def load(self, *tactile: str) -> "tuple[palpate.TouchModel | None, palpate.Calibration | None]":
-        """Read model and calibration, None where not given. Raises SettingError for a model that no touch uses."""
+    def load(self, *tactile: str) -> "tuple[palpate.TouchModel | None, Any]":
+        """Read model and calibration, None where not given; of a hand, calibrations by finger.
+
+        Raises SettingError for a model that no touch uses.
+        """
+        from palpate.types.hand import by_finger
+
         if self.model is not None and not any(mode.startswith(("learnt", "auto")) for mode in tactile):
             raise SettingError(f"--model {self.model} is not used with --tactile {' '.join(tactile)}; use learnt")
-        unit = self.calibration and palpate.load_calibration(self.calibration)
-        return self.model and palpate.TouchModel(self.model), unit
+        model = self.model and palpate.TouchModel(self.model)
+        if self.calibration is not None and "=" in str(self.calibration) and not self.calibration.exists():
+            files = by_finger("--calibration", str(self.calibration))
+            return model, {finger: palpate.load_calibration(file) for finger, file in files.items()}
+        return model, self.calibration and palpate.load_calibration(self.calibration)
 
 
 @dataclass(frozen=True)
@@ -190,6 +198,9 @@ class Bag:
     shape_layer: Annotated[str | None, arg("NAME", "the only one with an outline")] = None
     """Layer of the outline in a drawing; of an SVG also the name of a group or an element."""
     sensor: Sensor = DEFAULT_SENSOR
+    mounts: Annotated[tuple[str, ...], arg("FINGER=X,Y,YAW", "none; a hand in a bag needs them")] = ()
+    """Pose of each finger of a hand in the hand's frame [m, rad, or with units], as left=0,20mm,0 right=0,-20mm,0. Then
+    --images is left=TOPIC,right=TOPIC, and --sensor is of all fingers or left=NAME,right=NAME."""
     choices: Annotated[BagOptions, tyro.conf.arg(name="")] = field(default_factory=BagOptions)
 
     def read(self, file: Path) -> "palpate.BagReading":
@@ -211,8 +222,30 @@ class Bag:
             raise SettingError(self._missing(file))
         with kept_warnings() as warnings:
             shape = palpate.load_shape(self.shape, self.shape_unit, self.shape_layer)
-        recording, plane = palpate.read_bag(file, shape, self.choices, known_sensor(self.sensor))
+        recording, plane = palpate.read_bag(file, shape, self.choices, self.hand() or known_sensor(self.sensor))
         return palpate.BagReading(recording.warned(warnings), plane)
+
+    def hand(self) -> "palpate.Hand | None":
+        """Return the hand that the options describe; None for one sensor. Raises SettingError."""
+        from palpate.types.hand import by_finger
+
+        mounts: Any = {}
+        for word in self.mounts:
+            finger, _, numbers = word.partition("=")
+            cells = numbers.split(",")
+            try:
+                kinds = (LENGTH, LENGTH, ANGLE)
+                mounts[finger] = tuple(quantity(cell, kind) for cell, kind in zip(cells, kinds, strict=True))
+            except (SettingError, ValueError) as error:
+                raise SettingError(f"--mounts: found {word!r}; allowed is FINGER=X,Y,YAW, as left=0,20mm,0") from error
+        topics = self.choices.images or ""
+        if not mounts and "=" not in self.sensor and "=" not in topics:
+            return None
+        if not mounts or "=" not in topics:
+            needed = "--mounts left=X,Y,YAW right=X,Y,YAW and --images left=TOPIC,right=TOPIC"
+            raise SettingError(f"a hand in a bag needs both {needed}")
+        sensors: Any = by_finger("sensor", self.sensor) if "=" in self.sensor else dict.fromkeys(mounts, self.sensor)
+        return palpate.Hand(sensors, mounts)
 
     def _missing(self, file: Path) -> str:
         """Return a sentence on all that a bag needs which is not given: the object, and topics of several."""
@@ -220,7 +253,7 @@ class Bag:
 
         needs = f"{file}: is a bag, which needs --shape NAME|FILE and, unless --object-poses has them, --first-pose"
         try:
-            palpate.read_bag(file, palpate.Disc(0.05), self.choices, known_sensor(self.sensor))
+            palpate.read_bag(file, palpate.Disc(0.05), self.choices, self.hand() or known_sensor(self.sensor))
         except PalpateError as error:
             return f"{needs}; it also {str(error).removeprefix(f'{file}: ')}"
         return needs

@@ -61,6 +61,8 @@ def info(
         else:
             recording = palpate.load_recording(file, orientation)
             about = {"format": kind, "source": recording.source, "sensor": recording.sensor.name}
+            if recording.hand is not None:
+                about["mounts"] = {name: list(mount) for name, mount in recording.hand.mounts.items()}
             about |= {"shape": shape_to_dict(recording.shape), **check_recording(recording)}
     return Report(file.name, {"file": str(file), **about})
 
@@ -236,7 +238,7 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
             recording = recording_of(bag, palpate.Disc(0.05), choices, profile).recording.warned(warnings)
         recording = recording.warned(more)
     except FileError as error:
-        return about | {"advice": str(error)}
+        return about | {"advice": f"{error}{_hand_advice(bag)}"}
     findings = check_recording(recording)["findings"]
     damaged = sum(finding["kind"] == "image" for finding in findings)
     name = shlex.quote(str(bag.path))
@@ -251,6 +253,28 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
         "findings": findings,
         "advice": f"{own_command()} track {name}{options} --shape NAME|FILE --first-pose X Y THETA",
     }
+
+
+def _hand_advice(bag: Any) -> str:
+    """Return the command for a bag of a hand, if it has images of several topics; else ""."""
+    from palpate.io.ros_messages import IMAGE_TYPES
+
+    topics = [*bag.of(IMAGE_TYPES)]
+    if len(topics) < 2:
+        return ""
+    pairs = ",".join(f"{name}={topic}" for name, topic in zip(finger_names(topics), topics, strict=True))
+    mounts = " ".join(f"{name}=X,Y,YAW" for name in finger_names(topics))
+    command = f"{own_command()} track {shlex.quote(str(bag.path))} --images {pairs} --mounts {mounts}"
+    return f"; or, if they are of the fingers of a hand: {command} --shape NAME|FILE --first-pose X Y THETA"
+
+
+def finger_names(topics: Sequence[str]) -> list[str]:
+    """Return names of fingers for topics: the first part of each that differs, or finger_1 and so on."""
+    for parts in zip(*(topic.strip("/").split("/") for topic in topics), strict=False):
+        names = [part for part in parts if part.isidentifier() and part.isascii()]
+        if len(set(names)) == len(topics):
+            return names
+    return [f"finger_{number}" for number in range(1, len(topics) + 1)]
 
 
 def calibrate(
@@ -301,8 +325,8 @@ def calibrate(
         raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
     figure = out.with_suffix(".png") if pushes else None
     _check_outputs(out, figure, force)
-    pushed = [palpate.load_recording(path, orientation) for path in pushes]
-    recorded = [palpate.load_recording(file, orientation)] if file else pushed
+    pushed = [_of_one_sensor(palpate.load_recording(path, orientation)) for path in pushes]
+    recorded = [_of_one_sensor(palpate.load_recording(file, orientation))] if file else pushed
     profile = _sensor_of([*recorded, *pushed], sensor)
     if new_sensor is not None:
         _check_new_sensor(new_sensor, untouched, ruler, presses or pushes, force)
@@ -337,6 +361,13 @@ def calibrate(
     if presses and not calibration.view.keeps_left_and_right:
         notes.append("Left and right are exchanged, as with wrong signs or order of presses: positive is towards +y.")
     return Report("calibration", numbers | about_calibration(calibration), notes=notes)
+
+
+def _of_one_sensor(recording: "palpate.Recording") -> "palpate.Recording":
+    """Return a recording. Raises SettingError if it is of a hand."""
+    if recording.hand is not None:
+        raise SettingError(f"{recording.file}: is of a hand; calibrate takes recordings of one sensor")
+    return recording
 
 
 def _check_outputs(out: Path, figure: Path | None, force: bool) -> None:

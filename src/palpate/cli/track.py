@@ -1,7 +1,7 @@
 """`palpate track`, `live` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -207,6 +207,8 @@ def live(
     if record:
         new_file(record, force)
     model, unit = touch.load(touch.tactile)
+    if isinstance(unit, Mapping) or bag.hand() is not None:
+        raise SettingError("live takes one camera; a hand of several fingers is tracked from recordings and in Python")
     with ExitStack() as stack:
         if replay is None:
             setting = _live_setting(stack, str(camera), str(poses), start, bag)
@@ -273,6 +275,8 @@ def _replay_setting(file: Path, start: Start, bag: Bag) -> _LiveSetting:
 
     given_pose, given_sigma = start.pose_and_sigma()
     recording = bag.read(file).recording
+    if recording.hand is not None:
+        raise SettingError(f"{file}: is of a hand; live takes one camera, and palpate track several")
     sources = replayed(recording)
     first, sigma = first_pose_of_recording(recording, palpate.NoiseSettings(), given_pose, given_sigma)
     return _LiveSetting(file.name, sources, recording.shape, first, sigma)

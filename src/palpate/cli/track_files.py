@@ -30,7 +30,7 @@ class Way:
     start: Start
     bag: Bag
     model: "palpate.TouchModel | None" = None
-    calibration: "palpate.Calibration | None" = None
+    calibration: "palpate.Calibration | Mapping[str, palpate.Calibration] | None" = None
     first_poses: Mapping[str, Start] | None = None
     """Starts by the names of files, in place of one for all."""
 
@@ -46,16 +46,23 @@ class Way:
     def about(self, file: Path) -> dict[str, Any]:
         """Return the state of a recording's file and the settings it is tracked by, as plain data."""
         stat = file.stat()
-        unit = self.calibration and self.calibration.file
         options = {
             "settings": asdict(self.settings),
             "start": asdict(self.start_of(file)),
             "bag": asdict(self.bag),
             "model": self.model and self.model.hash,
-            "calibration": unit and sha256(unit.read_bytes()).hexdigest(),
+            "calibration": _hash_of(self.calibration),
         }
         about = {"file": str(file.absolute()), "size": stat.st_size, "modified_ns": stat.st_mtime_ns}
         return json.loads(json.dumps({**about, "options": options}, default=str))
+
+
+def _hash_of(calibration: "palpate.Calibration | Mapping[str, palpate.Calibration] | None") -> Any:
+    """Return the hash of a calibration's file, or those of a hand by finger; None where there is none."""
+    if isinstance(calibration, Mapping):
+        return {finger: _hash_of(each) for finger, each in calibration.items()}
+    unit = calibration and calibration.file
+    return unit and sha256(unit.read_bytes()).hexdigest()
 
 
 @dataclass(frozen=True)

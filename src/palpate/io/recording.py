@@ -16,6 +16,7 @@ from palpate.files import in_file
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.io import fingers
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
+from palpate.io.hand_frames import check_one_sensor, hand_fields, of_fingers
 from palpate.io.time_order import in_order
 from palpate.types.choices import Normal, Placement
 from palpate.types.hand import Hand
@@ -23,7 +24,7 @@ from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
-from palpate.types.space import onto_gel
+from palpate.types.space import Placed, Times, onto_gel
 
 Images = Image | Sequence[Image | bytes | str | Path]
 """Images as a user has them: arrays (N, height, width, 3), encoded bytes, or paths of files."""
@@ -136,12 +137,12 @@ class Recording:
     @classmethod
     def from_arrays(
         cls,
-        image_time: ArrayLike,
-        images: Images | None,
+        image_time: ArrayLike | Mapping[str, ArrayLike],
+        images: Images | Mapping[str, Images] | None,
         pose_time: ArrayLike,
         poses: ArrayLike,
         shape: Shape,
-        sensor: SensorProfile | str,
+        sensor: SensorProfile | str | Hand,
         *,
         orientation: str = Placement.orientation,
         sensor_T_gel: ArrayLike | None = Placement.sensor_T_gel,
@@ -150,7 +151,7 @@ class Recording:
         off_plane: float = Placement.off_plane,
         object_poses: ArrayLike | None = None,
         object_time: ArrayLike | None = None,
-        contact: ArrayLike | None = None,
+        contact: ArrayLike | Mapping[str, ArrayLike] | None = None,
         codec: Codec = "jpeg",
         source: str = "arrays",
     ) -> "Recording":
@@ -175,23 +176,36 @@ class Recording:
           the sensor's path; largest distance of poses from it [m].
         - object_poses, object_time: ground truth (K, ...), NaN where unknown, and its times, by default `pose_time`.
         - contact: (N,) True for each image in which the sensor touches the object.
+        - sensor: a `palpate.Hand` makes a recording of its fingers. Then `images`, and `contact` if it is given, are
+          dictionaries by finger, `image_time` may be one, and `poses` and `sensor_T_gel` are those of the hand's frame.
+          Frames are the images of the finger that has most, at the times of which all others are sought.
         - codec, source: encoding of arrays, "jpeg" at quality 95 or "png", lossless; origin of the data, for people.
         """
         placement = Placement(orientation, sensor_T_gel, time_offset, plane, off_plane)  # pyright: ignore[reportArgumentType]
         poses_of_gel = onto_gel(placement)
-        sensor = known_sensor(sensor)
         check_outline(shape)
+        name = "from_arrays" if source == "arrays" else source
+
+        def placed(time: Times) -> tuple[Placed, Placed | None]:
+            sensor_poses = poses_of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
+            return sensor_poses, truth_from(object_poses, pose_time if object_time is None else object_time, time)
+
+        if isinstance(sensor, Hand):
+            with kept_warnings() as warnings:
+                given = of_fingers(sensor, image_time, images, contact, time_offset)
+                fields, _ = hand_fields(name, "world", given, placed, placement, sensor, codec)
+            return cls(**fields, shape=shape, source=source, warnings=tuple(warnings))
+        check_one_sensor(image_time=image_time, images=images, contact=contact)
+        sensor = known_sensor(sensor)
         time = nanoseconds("image_time", image_time, least=1e-3)
         given_images, flags = _images_and_contact(images, contact, len(time), sensor)
         with kept_warnings() as warnings:
             is_in_order = in_order("image_time", time, is_strict=True)
             time = time + round(time_offset * 1e9)
-            sensor_poses = poses_of_gel(placed_from("poses", poses, "pose_time", pose_time, time))
+            sensor_poses, truth = placed(time)
             sensor_poses = replace(sensor_poses, known=sensor_poses.known & is_in_order)
-            truth = truth_from(object_poses, pose_time if object_time is None else object_time, time)
             named_images = None if given_images is None else ("images", given_images)
             frames = SpatialFrames(time, sensor_poses, truth, named_images, flags)
-            name = "from_arrays" if source == "arrays" else source
             fields, _ = planar_fields(name, "world", frames, placement, sensor, codec)
         return cls(**fields, shape=shape, source=source, warnings=tuple(warnings))
 

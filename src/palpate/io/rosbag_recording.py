@@ -18,11 +18,13 @@ from palpate.files import in_file, numbers_of, read_table
 from palpate.geometry.shapes import Shape
 from palpate.io.decode_message import decoded
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
+from palpate.io.hand_frames import OfFinger, hand_fields
 from palpate.io.recording import Recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, image_in, stamp_of, yuv_order
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
 from palpate.io.time_order import stamped_in_order
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
+from palpate.types.hand import Hand, by_finger, check_names
 from palpate.types.images import UprightImage, camera_view, encode_image, fitted
 from palpate.types.sensor import SENSORS, SensorProfile
 from palpate.types.space import Placed, Plane, Times, onto_gel
@@ -62,7 +64,10 @@ class _Source(NamedTuple):
 
 
 def read_bag(
-    path: Path | str, shape: Shape, choices: BagChoices | None = None, sensor: SensorProfile = SENSORS[DEFAULT_SENSOR]
+    path: Path | str,
+    shape: Shape,
+    choices: BagChoices | None = None,
+    sensor: SensorProfile | Hand = SENSORS[DEFAULT_SENSOR],
 ) -> BagReading:
     """Read a bag as a recording of an object of this shape.
 
@@ -71,11 +76,15 @@ def read_bag(
     sensor's rate, with the latest contact flag (std_msgs/Bool). A damaged image is a frame that tracking skips; ground
     truth is unknown where its poses are NaN. Raises FileError where topics are ambiguous, clocks differ, or poses leave
     the plane.
+
+    Of a `palpate.Hand`, `choices.images` names the topic of each finger, as left=TOPIC,right=TOPIC, and the sensor's
+    poses are those of the hand; see `Recording.from_arrays`.
     """
     with kept_warnings() as warnings:
         bag = contents(Path(path))
         with in_file(bag.path):
-            recording, plane = recording_of(bag, shape, choices or BagChoices(), sensor)
+            read = recording_of if isinstance(sensor, SensorProfile) else hand_recording_of
+            recording, plane = read(bag, shape, choices or BagChoices(), sensor)  # pyright: ignore[reportArgumentType]
     return BagReading(recording.warned(warnings), plane)
 
 
@@ -264,6 +273,33 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
         names.append(truth.name)
     source = f"bag {bag.path.name}: {', '.join(names)}"
     fields, plane = planar_fields(str(bag.path), poses.frame, frames, choices, sensor)
+    return BagReading(Recording(**fields, shape=shape, source=source, file=bag.path), plane)
+
+
+def hand_recording_of(bag: Contents, shape: Shape, choices: BagChoices, hand: Hand) -> BagReading:
+    """Return a bag whose contents are known as a recording of a hand; see `read_bag`."""
+    poses_of_hand = onto_gel(choices)
+    if choices.image_times is not None:
+        raise SettingError("image_times is a table of one camera's images; of a hand they are in the bag")
+    topics = by_finger("images", choices.images or "")
+    check_names("images", topics, hand.fingers)
+    offset = round(choices.time_offset * 1e9)
+    given = {}
+    for finger, topic in topics.items():
+        chosen = _only(bag, "image topic", [*bag.of(IMAGE_TYPES)], topic, "--images FINGER=TOPIC,...")
+        profile = hand.fingers[finger]
+        stamps, images = _one_at_a_time(topic, _images_in_order(bag, chosen, choices, profile))
+        given[finger] = OfFinger(topic, stamps + offset, images)
+    poses, truth = _sources(bag, choices, *(bag.of(IMAGE_TYPES)[topic] for topic in topics.values()))
+
+    def placed(time: Times) -> tuple[Placed, Placed | None]:
+        return poses_of_hand(poses.placed(choices.clock, time)), truth and truth.placed(choices.clock, time)
+
+    fields, plane = hand_fields(str(bag.path), poses.frame, given, placed, choices, hand)
+    names = [*(f"{finger}={topic}" for finger, topic in topics.items()), poses.name]
+    if truth is not None:
+        names.append(truth.name)
+    source = f"bag {bag.path.name}: {', '.join(names)}"
     return BagReading(Recording(**fields, shape=shape, source=source, file=bag.path), plane)
 
 

@@ -17,6 +17,7 @@ from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
 from palpate.models.pushing.compiled import hand_pushing
 from palpate.models.pushing.layout import NAMES
+from palpate.pipeline.check_hand import check_calibrations
 from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
@@ -83,6 +84,7 @@ def track(
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
     _check_content(recording, settings.tactile)
+    check_calibrations(recording, calibration)
     # Its message is not one of the recording's warnings.
     if recording.hand is None:
         warm_up()

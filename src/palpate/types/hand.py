@@ -115,6 +115,25 @@ def check_names(what: str, given: Mapping[str, Any], fingers: Mapping[str, Any])
             raise SettingError(f"{what}: found a finger {name!r}; the fingers of the hand are {', '.join(fingers)}")
 
 
+def by_finger(what: str, words: str) -> dict[str, str]:
+    """Return values by finger as words have them, left=VALUE,right=VALUE, each of its own; `what` names them in errors.
+
+    Raises SettingError on other words, on a finger that comes twice, and on one value for two fingers.
+    """
+    found: dict[str, str] = {}
+    for part in words.split(","):
+        name, _, value = (each.strip() for each in part.partition("="))
+        if not name or not value:
+            raise SettingError(f"{what} is {words!r}; allowed is, for each finger of a hand, NAME=VALUE with commas")
+        for other, its_value in found.items():
+            if name == other:
+                raise SettingError(f"{what} is {words!r}, in which finger {name!r} comes twice; allowed is once")
+            if value == its_value and what != "sensor":
+                raise SettingError(f"{what}: fingers {other!r} and {name!r} have one, {value}; allowed is one for each")
+        found[name] = value
+    return found
+
+
 def _checked(name: Any, finger: Any) -> SensorProfile:
     """Return the profile of a finger."""
     if not isinstance(name, str) or not _NAME.fullmatch(name):
