@@ -41,6 +41,8 @@ class Pushes:
     sensor: Sensor = "digit"
     fingers: int = 1
     """Fingers of the hand that pushes, each with images of its own: 1 to 3."""
+    pinch: bool = False
+    """Two fingers hold the object between them and slide it over the table, in place of pushing it."""
     images: Annotated[bool, arg(default="with images")] = True
     """Make no touch images, which is faster."""
 
@@ -59,8 +61,8 @@ class Pushes:
             shapes[name] = palpate.load_shape(given, self.shape_unit)
         options: dict[str, Any] = {name: getattr(self, name) for name in ("seconds", "images", "knocks", "ideal")}
         options["made"] = Simulation
-        if self.fingers != 1:
-            options |= {"made": HandSimulation, "fingers": self.fingers}
+        if self.pinch or self.fingers != 1:
+            options |= {"made": HandSimulation, "fingers": self.fingers, "pinch": self.pinch}
         return plan(shapes, self.count, seed, unit=unit, sensor=known_sensor(self.sensor), **options)
 
 

@@ -1,6 +1,7 @@
 """Simulated recordings of a hand: each finger is a drawn unit with images of its own, and has its own mounting errors.
 
 - Pushes: the fingers point the same way, 35 to 50 mm apart, and push with their tips; the hand's frame is between them.
+- Pinches: two fingers face each other along the hand's y and close on the object; frames have the pose of each finger.
 - Units: gel, camera and light of each finger are drawn, and its friction and stiffness are its own.
 - Mounting: each finger is 1 mm and 1 degree off its stated mount, as in `set_up_errors`; the hand's pose is exact but
   for its noise. Images of each finger are late by a frame in every second recording, and its gel wears by itself.
@@ -18,7 +19,9 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import scaled
 from palpate.io.recording import Recording
 from palpate.types.hand import Hand
+from palpate.types.sensor import SensorProfile
 from palpate_lab.simulate.gel import draw_side
+from palpate_lab.simulate.pinches import OPEN, closed, draw_grasp, draw_pinches
 from palpate_lab.simulate.pushes import draw_sequence, measured
 from palpate_lab.simulate.recordings import Simulation
 from palpate_lab.simulate.set_up_errors import SetUpErrors, draw_errors, worn
@@ -45,6 +48,8 @@ class HandSimulation(Simulation):
 
     fingers: int = 2
     """Number of fingers, 2 or 3."""
+    pinch: bool = False
+    """Two fingers hold the object between them and slide it, in place of pushing with their tips."""
     avoids: ClassVar[tuple[str, ...]] = ("-corners",)
 
     def __post_init__(self) -> None:
@@ -53,11 +58,13 @@ class HandSimulation(Simulation):
             raise SettingError(f"fingers is {self.fingers}; allowed are 1 to 3")
         if self.marks is not None or self.kind.endswith(self.avoids):
             raise SettingError("marks and contacts at corners are simulated for one finger alone")
+        if self.pinch and (self.fingers != 2 or self.knocks):
+            raise SettingError("a pinch has two fingers and no knocks")
 
     @property
     def source(self) -> str:
         """Description of the recording's origin, with all that is needed to make it again."""
-        return f"{super().source}, {self.fingers} fingers"
+        return f"{super().source}, {self.fingers} fingers{' that pinch' if self.pinch else ''}"
 
     def run(self, progress: Callable[[int], None] | None = None) -> Recording:
         """Return the recording; `progress` is called with the number of images made, which take most of the time.
@@ -67,17 +74,24 @@ class HandSimulation(Simulation):
         unit_seed, *seeds = self._seeds()
         pushes, noise, camera, shoves, systematic = (np.random.default_rng(each) for each in seeds)
         drawn = self._drawn(unit_seed, systematic, camera)
-        spacing = np.random.default_rng([unit_seed, 2]).uniform(0.035, 0.05)
-        stated = self._stated(spacing)
         first = next(iter(drawn.values())).errors
-        knocks = shoves if self.knocks else None
         drift = first.gel_drift if first else (0.0, 0.0)
-        true = _as_built(stated, drawn)
-        motion = draw_sequence(self.shape, self.kind, true, pushes, self.seconds, knocks, drift, self.pushes)
+        closing = None
+        if self.pinch:
+            grasp = draw_grasp(self.shape, max(each.unit.radius for each in drawn.values()), pushes)
+            stated = _gripper(dict.fromkeys(drawn, self.sensor), grasp.half + OPEN)
+            true = _as_built(stated, drawn)
+            motion, closing = draw_pinches(self.shape, grasp, true, pushes, self.seconds, drift, self.pushes)
+        else:
+            stated = self._stated(np.random.default_rng([unit_seed, 2]).uniform(0.035, 0.05))
+            true = _as_built(stated, drawn)
+            knocks = shoves if self.knocks else None
+            motion = draw_sequence(self.shape, self.kind, true, pushes, self.seconds, knocks, drift, self.pushes)
         time = np.arange(len(motion.contact)) / self.sensor.rate
+        hand_pose = measured(motion.sensor_pose, noise)
         exact = Recording(
             time=time,
-            sensor_pose=measured(motion.sensor_pose, noise),
+            sensor_pose=hand_pose,
             shape=self.shape,
             sensor=stated.whole,
             object_pose=measured(motion.object_pose, noise),
@@ -87,6 +101,7 @@ class HandSimulation(Simulation):
             hand=stated,
             images=self._images(motion, drawn, time, camera, progress) if self.images else None,
             contacts={name: motion.contact[:, index] for index, name in enumerate(drawn)},
+            finger_poses=None if closing is None else _finger_poses(stated, hand_pose, closing),
         )
         return _with_errors(exact, drawn)
 
@@ -135,6 +150,18 @@ class HandSimulation(Simulation):
             one = replace(self, side=side)
             images[name] = one._touch_images(motion.of_finger(index), units, finger.camera, count)
         return images
+
+
+def _gripper(fingers: dict[str, SensorProfile], half: float) -> Hand:
+    """Return the open hand of two fingers that face each other, each so far from its middle [m]; the first is at +y."""
+    left, right = fingers
+    return Hand(fingers, {left: (0.0, half, -0.5 * np.pi), right: (0.0, -half, 0.5 * np.pi)})
+
+
+def _finger_poses(stated: Hand, hand_pose: Array, closing: Array) -> dict[str, Array]:
+    """Return world_T_finger (N, 3) of fingers that have closed by (N,) [m], as the gripper states it."""
+    in_hand = closed(np.array(list(stated.mounts.values())), closing)
+    return {name: se2.compose(hand_pose, in_hand[:, index]) for index, name in enumerate(stated.fingers)}
 
 
 def _as_built(stated: Hand, drawn: dict[str, _Drawn]) -> Hand:

@@ -22,7 +22,7 @@ from palpate_lab.simulate.world import World
 
 _GAIN = 3.0
 """Rate at which the hand turns towards the object, relative to the angle that is left [1/s]."""
-_PAD_END = float(np.radians(24.0))
+PAD_END = float(np.radians(24.0))
 """Angle from a tip's apex past which a push ends [rad]: the side of a DIGIT's pad is at 26 degrees."""
 
 
@@ -82,7 +82,7 @@ class HandRobot(Robot):
             touches = motion.contact[0]
             has_touched |= bool(touches.any())
             lost = 0 if touches.any() else lost + 1
-            is_off_pad = touches.any() and np.nanmax(np.abs(motion.pad_angle[0])) > _PAD_END
+            is_off_pad = touches.any() and np.nanmax(np.abs(motion.pad_angle[0])) > PAD_END
             if (has_touched and lost > 0.3 * rate) or is_off_pad:
                 end = min(end, step + ramp)
 
