@@ -42,6 +42,10 @@ def write_lerobot(
     libraries()
     first = recordings[0]
     for recording in recordings:
+        if recording.hand is not None:
+            raise FileError(
+                f"{recording.file or 'recording'}: is of a hand; a LeRobot dataset takes images of one sensor"
+            )
         if recording.image is None:
             raise FileError(f"{recording.file or 'recording'}: has no images, which a LeRobot dataset needs")
         if (recording.shape, recording.sensor) != (first.shape, first.sensor):

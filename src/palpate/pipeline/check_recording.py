@@ -21,14 +21,13 @@ def check_recording(recording: Recording) -> dict[str, Any]:
     - frames, duration_s, rate_hz by the median interval.
     - contact_share, truth_share: of the frames; None if contact is unknown.
     - contacts: start_s and end_s of each contact, since the first frame.
-    - images: number of frames with an image; image_size: rows and columns [px].
+    - images: number of frames with an image; image_size: rows and columns [px]. Of a hand both are by finger.
     - first_pose and its sigma; None if the recording has none.
     - findings: kind (import, rate, unit, time gap, light, image or mismatch), start_s, end_s and sentence; those of
       kind import are the warnings that the recording keeps.
     """
     time = recording.time
     contact = recording.contact
-    sensor = recording.sensor
     interval = np.diff(time)
     first_pose = recording.first_pose
     sigma = recording.first_pose_sigma
@@ -43,8 +42,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         "rate_hz": float(1.0 / np.median(interval)) if len(interval) else None,
         "contact_share": None if contact is None else float(np.mean(contact)),
         "truth_share": float(np.mean(np.isfinite(recording.truth[:, 0]))),
-        "images": 0 if recording.image is None else sum(map(bool, recording.image)),
-        "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
+        **_about_images(recording),
         "first_pose": None if first_pose is None else first_pose.tolist(),
         "first_pose_sigma": None if sigma is None else sigma.tolist(),
         "contacts": [] if contact is None else [between(*ends) for ends in flag_runs(contact)],
@@ -53,6 +51,21 @@ def check_recording(recording: Recording) -> dict[str, Any]:
             for find in (_warnings, _other_rate, _other_unit, _time_gaps, _damaged_images_and_light, _mismatches)
             for kind, first, last, sentence in find(recording)
         ],
+    }
+
+
+def _about_images(recording: Recording) -> dict[str, Any]:
+    """Return the number of images and their size, of a hand by finger."""
+    if recording.hand is not None and recording.images is not None:
+        fingers = {name: recording.hand.fingers[name] for name in recording.images}
+        return {
+            "images": {name: sum(map(bool, images)) for name, images in recording.images.items()},
+            "image_size": {name: [each.image_height, each.image_width] for name, each in fingers.items()},
+        }
+    sensor = recording.sensor
+    return {
+        "images": 0 if recording.image is None else sum(map(bool, recording.image)),
+        "image_size": None if recording.image is None else [sensor.image_height, sensor.image_width],
     }
 
 
@@ -103,6 +116,8 @@ def _time_gaps(recording: Recording) -> Iterator[_Finding]:
 
 def _damaged_images_and_light(recording: Recording) -> Iterator[_Finding]:
     """Find damaged images, and first images that do not show the gel steadily lit."""
+    if recording.images is not None:
+        yield from _damaged_images_of_fingers(recording)
     if recording.image is None:
         return
     rate = recording.sensor.rate
@@ -123,9 +138,20 @@ def _damaged_images_and_light(recording: Recording) -> Iterator[_Finding]:
         yield ("light", 0, -1, steady.trouble)
 
 
+def _damaged_images_of_fingers(recording: Recording) -> Iterator[_Finding]:
+    """Find damaged images of the fingers of a hand."""
+    for frame in range(len(recording)):
+        try:
+            _ = recording[frame]
+        except FileError as error:
+            yield ("image", frame, frame, str(error))
+
+
 def _mismatches(recording: Recording) -> Iterator[_Finding]:
     """Find poses and images that do not belong together."""
     contact = recording.contact
+    if recording.hand is not None and contact is None:
+        return
     if contact is None:
         contact = touched(recording.image or (), recording.sensor)
     if len(contact) == len(recording):
