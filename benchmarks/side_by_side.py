@@ -63,7 +63,8 @@ class Build:
 
     def _begin(self, cache: Path) -> subprocess.Popen[str]:
         one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        environment = os.environ | one_thread | {"PYTHONPATH": str(self._source), "NUMBA_CACHE_DIR": str(cache)}
+        kept = {"NUMBA_CACHE_DIR": str(cache), "PALPATE_CACHE": str(cache)}
+        environment = os.environ | one_thread | kept | {"PYTHONPATH": str(self._source)}
         pipe = subprocess.PIPE
         return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, text=True, env=environment)
 

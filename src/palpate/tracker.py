@@ -5,15 +5,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
-from palpate.compiled import is_cached
+from palpate.compiled import EVERY
+from palpate.compiled.library import path_of
 from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError
 from palpate.estimation.compiled_model import CompiledModel
-from palpate.geometry.shapes import Disc, Shape
+from palpate.geometry.shapes import Shape
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.hypotheses.posterior import Posterior
 from palpate.input.checked_frame import CheckedFrame
@@ -30,7 +30,7 @@ from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import check_arguments, first_pose_of, noise_of_unit
 from palpate.types.estimate import Estimate
 from palpate.types.measurements import Frame, Measurement
-from palpate.types.sensor import POINT, SensorProfile
+from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
 
 logger = logging.getLogger(__name__)
@@ -64,7 +64,8 @@ class Tracker:
         calibration or `is_view_known` says that images are upright, the tracker finds out if they are. `graph` are the
         variables and factors: those of pushing, or of a model that extends it.
 
-        The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
+        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 20 s to
+        compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
         settings = settings or TrackerSettings()
@@ -188,10 +189,8 @@ class Tracker:
 
 @cache
 def warm_up() -> None:
-    """Compile the estimator by a short simulated push, or load what was compiled before; once in a process."""
-    if not is_cached(PUSHING.improve):
+    """Load all machine code, or make it where there is none yet; once in a process."""
+    if path_of(PUSHING.improve) is None:
         logger.warning("compiling the estimator: once for this version, some 20 s")
-    model = contact_model(Disc(0.05), POINT)
-    push = MultiHypothesisFilter(model, TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3))
-    for step in range(2):
-        push.step(Frame(step / 30.0, np.array([1e-4 * step - 0.05, 0.0, 0.0]), contact=True))
+    for function in EVERY:
+        function.load()

@@ -5,15 +5,19 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from palpate.compiled import hash_of
+import numpy as np
+
+from palpate.compiled import compiled
+from palpate.compiled.library import hash_of
 from palpate.errors import SettingError
-from palpate.estimation.compiled_model import CompiledModel, functions_of
+from palpate.estimation.compiled_model import CompiledModel, Given, functions_of
 from palpate.estimation.gauss_newton import make_improve
 from palpate.estimation.model import Model
 from palpate.estimation.records import record_types
 from palpate.files import whole_file
 from palpate.models import generated
 from palpate.models.pushing import force, step
+from palpate.models.pushing.contact_geometry import SURFACE
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.settings import SETTINGS
 
@@ -36,11 +40,20 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         put_object=step.put_object,
         put_object_derivative=step.put_object_derivative,
     )
+    records = record_types(model)
+    given = Given(
+        settings=np.zeros(1, SETTINGS),
+        drift=np.zeros(1),
+        surface=SURFACE,
+        places=np.zeros((1, 1)),
+        work=np.zeros(1, records.work),
+    )
+    begin_step = compiled(np.zeros((1, 1), records.step), name=f"begin_step_{name}")
     return CompiledModel(
         model=model,
-        records=record_types(model),
-        improve=make_improve(functions, name),
-        begin_step=step.begin_step,
+        records=records,
+        improve=make_improve(functions, records, given, name),
+        begin_step=begin_step(step.begin_step),
     )
 
 
