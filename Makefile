@@ -1,5 +1,5 @@
 # Everything sets itself up in .venv from the package index: `make demo`, `make test`, `make lint`, `make kernels`,
-# `make bench`, `make docs`, `make check-numbers`, `make dist`.
+# `make wheel`, `make bench`, `make docs`, `make check-numbers`, `make dist`.
 PYTHON ?= python3
 BIN := .venv/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
@@ -12,7 +12,7 @@ READY := .venv/.ready
 READY_DEV := .venv/.ready-dev
 READY_ROS := .venv-ros/.ready
 
-.PHONY: demo test ros-test lint kernels bench docs check-numbers dist clean
+.PHONY: demo test ros-test lint kernels wheel bench docs check-numbers dist clean
 
 demo: $(READY)
 	$(BIN)/palpate demo
@@ -31,6 +31,10 @@ lint: $(READY_DEV)
 	$(BIN)/pyright
 	$(BIN)/python scripts/check_plainness.py
 	$(BIN)/python scripts/write_kernels.py --check
+
+# With machine code for this kind of machine, so that its users need no compiler and wait for none.
+wheel: $(READY_DEV)
+	HATCH_BUILD_HOOKS_ENABLE=1 $(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
 
 # After a change of a factor or variable: the derivatives of src/palpate/models/pushing, as compiled code.
 kernels: $(READY_DEV)

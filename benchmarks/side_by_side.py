@@ -48,12 +48,12 @@ class Build:
     def measure(self, case: str) -> Any:
         """Return the result of a case, from the process that stays."""
         if self._process is None:
-            self._process = self._begin(self._cache)
+            self._process = self._begin()
         return self._ask(self._process, case)
 
-    def measure_anew(self, case: str, cache: Path | None = None) -> Any:
-        """Return the result of a case from a process of its own, with this folder of compiled code."""
-        with self._begin(cache or self._cache) as process:
+    def measure_anew(self, case: str) -> Any:
+        """Return the result of a case from a process of its own."""
+        with self._begin() as process:
             return self._ask(process, case)
 
     def close(self) -> None:
@@ -61,9 +61,10 @@ class Build:
         if self._process is not None:
             self._process.communicate()
 
-    def _begin(self, cache: Path) -> subprocess.Popen[str]:
+    def _begin(self) -> subprocess.Popen[str]:
         one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-        environment = os.environ | one_thread | {"PYTHONPATH": str(self._source), "NUMBA_CACHE_DIR": str(cache)}
+        kept = {"NUMBA_CACHE_DIR": str(self._cache), "PALPATE_CACHE": str(self._cache)}
+        environment = os.environ | one_thread | kept | {"PYTHONPATH": str(self._source)}
         pipe = subprocess.PIPE
         return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, text=True, env=environment)
 
@@ -113,10 +114,9 @@ def write(folder: Path, given: Recording, hypotheses: int) -> None:
     (folder / "recording.pickle").write_bytes(pickle.dumps(case))
 
 
-def measured(build: Build, cache: Path) -> dict[str, float]:
-    """Return the numbers of a build that need processes of their own."""
-    first_ever = build.measure_anew("start", cache)
-    build.measure_anew("start")  # which compiles
+def measured(build: Build) -> dict[str, float]:
+    """Return the numbers of a build that need processes of their own, with no compiled code so far."""
+    first_ever = build.measure_anew("start")
     again = build.measure_anew("start")
     return {"first-ever-start_s": first_ever["s"], "start_s": again["s"], "first-image_mb": again["mb"]}
 
@@ -148,8 +148,8 @@ def percentiles(name: str, rounds: list[Any], chosen: Any) -> dict[str, float]:
 
 def compared(commit: str, rounds: int) -> list[Row]:
     """Return the numbers of a committed build and of the checkout, each recording tracked so many times by each."""
-    with builds(commit) as pair, tempfile.TemporaryDirectory() as empty:
-        found = [measured(build, Path(empty, str(k))) for k, build in enumerate(pair)]
+    with builds(commit) as pair:
+        found = [measured(build) for build in pair]
         for numbers, more in zip(found, times(pair, rounds), strict=True):
             numbers.update(more)
         for numbers, build in zip(found, pair, strict=True):

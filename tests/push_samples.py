@@ -17,11 +17,11 @@ from palpate.geometry import se2
 from palpate.manifolds.se2_kernels import position, rotation
 from palpate.models.generated import linearise_measured, linearise_step, put_rotations
 from palpate.models.pushing.compiled import PUSHING
-from palpate.models.pushing.contact_geometry import ContactModel, Surface, contact_model, put_touch
+from palpate.models.pushing.contact_geometry import SURFACE, ContactModel, Surface, contact_model, put_touch
 from palpate.models.pushing.force import make_put_force
 from palpate.models.pushing.layout import IN_SHARED, NAMES, OBJECT_SIZE
 from palpate.models.pushing.measurements import Step, terms_of
-from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.settings import SETTINGS, settings_record
 from palpate.models.pushing.variables import GRIP
 
 Array = np.ndarray
@@ -90,7 +90,16 @@ def values_at(model: ContactModel, g: ArrayLike, e: ArrayLike | None = None, sha
     return Values(model, steps, rows)
 
 
-@compiled
+@compiled(
+    np.zeros((1, 1), STEP),
+    np.zeros(1, ROW),
+    np.zeros(1, TERM),
+    0,
+    np.zeros(1, SETTINGS),
+    SURFACE,
+    np.zeros((1, 1)),
+    np.zeros((1, 1), LINEAR),
+)
 def _linearise(
     steps: Array, rows: Array, terms: Array, kind: int, settings: Any, surface: Surface, corners: Array, out: Array
 ) -> None:

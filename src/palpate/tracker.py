@@ -6,19 +6,17 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
-from palpate.compiled import is_cached
+from palpate.compiled import EVERY
+from palpate.compiled.library import path_of
 from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
-from palpate.geometry.shapes import Disc, Shape
+from palpate.geometry.shapes import Shape
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.models.pushing.compiled import PUSHING, hand_pushing
-from palpate.models.pushing.contact_geometry import contact_model, hand_contact_model
-from palpate.models.pushing.measurements import Fingers
 from palpate.sensors import OneSensor, Sensors, SeveralFingers, hand_of, units_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
@@ -28,7 +26,7 @@ from palpate.tracker_arguments import check_arguments, first_pose_of
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement
-from palpate.types.sensor import POINT, SensorProfile
+from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
 
 logger = logging.getLogger(__name__)
@@ -67,7 +65,8 @@ class Tracker:
         rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out. Images of a
         hand are taken as upright; unless `is_view_known`, the tracker finds out if two fingers are exchanged.
 
-        The first tracker of a process takes half a second to load compiled code, the very first 20 s to compile it.
+        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 20 s to
+        compile it.
         """
         hand = hand_of(sensor, mounts)
         if hand is None:
@@ -175,16 +174,12 @@ class Tracker:
 
 @cache
 def warm_up(fingers: int = 0) -> None:
-    """Compile the estimator by a short simulated push, or load what was compiled before; once in a process.
+    """Load all machine code, or make it where there is none yet; once in a process.
 
     That of a hand of so many fingers, or of one sensor.
     """
-    compiled = hand_pushing(fingers) if fingers else PUSHING
-    if not is_cached(compiled.improve):
+    graph = hand_pushing(fingers) if fingers else PUSHING
+    if path_of(graph.improve) is None:
         logger.warning("compiling the estimator: once for this version, some 20 s")
-    model = hand_contact_model(Disc(0.05), fingers * [POINT]) if fingers else contact_model(Disc(0.05), POINT)
-    push = MultiHypothesisFilter(model, TrackerSettings(), np.zeros(3), 1e-4 * np.eye(3), compiled=compiled)
-    mounts = np.zeros((fingers, 3))
-    hand = Fingers(mounts, np.ones(fingers, np.bool_), np.zeros(fingers)) if fingers else None
-    for step in range(2):
-        push.step(Frame(step / 30.0, np.array([1e-4 * step - 0.05, 0.0, 0.0]), contact=True), fingers=hand)
+    for function in EVERY:
+        function.load()

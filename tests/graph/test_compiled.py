@@ -1,98 +1,142 @@
-"""The cache of compiled code: damaged files, changed sources, and users without a home."""
+"""Compiled functions: their arguments, damaged libraries, changed sources, machines without a linker, and no home."""
 
-import importlib.util
-import pickle
+import importlib
+import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
-from numba.core import config
 
-from palpate import compiled
-from palpate.compiled import is_cached
+from palpate.compiled import Compiled, compiled, kernel, library
 
-SOURCE = """
-from palpate.compiled import compiled
 
-@compiled
-def twice(number):
-    return 2 * number
-"""
+class Line(NamedTuple):
+    offset: complex
+    slopes: Any
+
+
+@kernel
+def along(line, x: float) -> complex:
+    return line.offset + complex(line.slopes[0], line.slopes[1]) * x
+
+
+def put(points, line, count):
+    for k in range(count):
+        points[k].at = along(line, points[k].x)
+
+
+POINTS = np.dtype([("x", "f8"), ("at", "c16")])
+
+
+def function() -> Any:
+    """The function as a new process finds it."""
+    return compiled(np.zeros(1, POINTS), Line(0j, np.zeros(2)), 0, name="put_test")(put)
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The cache's folder for a module in tmp_path."""
-    (tmp_path / "module.py").write_text(SOURCE)
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
-    found = Path(loaded(tmp_path)._cache.cache_path)
-    assert found.is_relative_to(tmp_path / "cache")
-    return found
+    monkeypatch.setattr(library, "cache_folder", lambda: tmp_path)
+    return tmp_path
 
 
-def test_code_of_a_user_without_a_home_is_kept_in_a_temporary_place_and_linear_algebra_is_there(tmp_path):
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of functions that are compiled."""
+    names: list[str] = []
+    build = importlib.import_module("palpate.compiled.build")
+    make = build.library
+
+    def noted(one: Compiled, level: str) -> tuple[bytes, str]:
+        names.append(one.name)
+        return make(one, level)
+
+    monkeypatch.setattr(build, "library", noted)
+    return names
+
+
+def check(put_points: Any) -> None:
+    points = np.zeros(3, POINTS)
+    points["x"] = (1.0, 2.0, 3.0)
+    put_points(points, Line(1j, np.array([2.0, 3.0])), 2)
+    assert points["at"].tolist() == [2 + 4j, 4 + 7j, 0]
+
+
+def test_a_library_is_made_once(folder, made):
+    for _ in range(2):
+        check(function())
+    assert made == ["put_test"]
+
+
+def test_the_code_is_the_same_without_a_linker(folder, made, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    for _ in range(2):
+        check(function())
+    assert made == ["put_test"] and [path.suffix for path in folder.iterdir()] == [".o"]
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut off", "foreign"])
+def test_a_damaged_library_is_made_anew(folder, made, damage):
+    check(function())
+    (path,) = folder.iterdir()
+    whole = path.read_bytes()
+    path.unlink()  # this process still runs code of the whole file
+    path.write_bytes({"empty": b"", "cut off": whole[: len(whole) // 2], "foreign": b"a list" * 99}[damage])
+    for _ in range(2):
+        check(function())
+    assert made == ["put_test"] * 2
+
+
+def test_code_of_other_sources_or_types_is_not_taken(folder, made, monkeypatch):
+    check(function())
+    other = compiled(np.zeros(1, POINTS), Line(0j, np.zeros(2)), 0.0, name="put_test")
+    assert library.path_of(function()) and library.path_of(other(put)) is None
+    monkeypatch.setattr(library, "_sources", lambda: "a kernel in another file has changed")
+    assert library.path_of(function()) is None
+    check(function())
+    assert made == ["put_test"] * 2 and len(list(folder.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    "points", [np.zeros(6, POINTS)[::2], np.zeros((1, 3), POINTS), np.zeros(3)], ids=["strided", "axes", "type"]
+)
+def test_arrays_unlike_the_example_are_refused(folder, points):
+    with pytest.raises(TypeError):
+        function()(points, Line(1j, np.zeros(2)), 2)
+
+
+def test_other_threads_run_meanwhile(folder):
+    def busy(numbers, stop, rounds):
+        for k in range(rounds):
+            numbers[0] += 1.0
+            if stop[0] > 0.0:
+                numbers[1] = k
+                break
+
+    numbers = np.zeros(2)
+    stop = np.zeros(1)
+    timer = threading.Timer(0.05, stop.fill, (1.0,))
+    run = compiled(np.zeros(1), np.zeros(1), 0, name="busy_test")(busy)
+    run.load()
+    timer.start()
+    run(numbers, stop, 10**12)
+    assert numbers[1] > 0.0
+
+
+def test_code_of_a_user_without_a_home_is_kept_in_a_temporary_place_of_their_own(tmp_path):
     code = """
-import numba, numpy, pwd, sys
+import pwd, sys
 def nobody(*_): raise KeyError
 pwd.getpwuid = nobody
-import palpate.compiled
-assert (numba.njit(lambda a: numpy.linalg.inv(a))(numpy.eye(2)) == sys.modules["scipy.linalg"].inv(numpy.eye(2))).all()
-sys.exit(numba.config.CACHE_DIR)
+from palpate.compiled.library import cache_folder
+sys.exit(str(cache_folder()))
 """
-    words = [sys.executable, "-c", code]
-    environment = {"TMPDIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)}
-    done = subprocess.run(words, env=environment, cwd=tmp_path, capture_output=True, text=True)
-    folder = Path(done.stderr.strip())
-    assert folder.parent == tmp_path and folder.stat().st_mode & 0o777 == 0o700 and not (tmp_path / "~").exists()
-
-
-def loaded(folder: Path):
-    """The function as a new process finds it."""
-    spec = importlib.util.spec_from_file_location("module", folder / "module.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["module"] = module
-    spec.loader.exec_module(module)
-    return module.twice
-
-
-def hits(function) -> int:
-    assert function(21) == 42
-    return sum(function.stats.cache_hits.values())
-
-
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize("damage", ["empty", "cut off", "foreign"])
-def test_a_damaged_file_is_replaced(folder, tmp_path, kind, damage):
-    assert hits(loaded(tmp_path)) == 0
-    assert is_cached(loaded(tmp_path)) and hits(loaded(tmp_path)) == 1
-    (path,) = folder.glob(f"*.{kind}")
-    whole = path.read_bytes()
-    path.write_bytes({"empty": b"", "cut off": whole[: len(whole) // 2], "foreign": pickle.dumps(["a list"])}[damage])
-    assert hits(loaded(tmp_path)) == 0
-    assert hits(loaded(tmp_path)) == 1
-
-
-def test_code_of_other_sources_is_compiled_anew(folder, tmp_path, monkeypatch):
-    assert hits(loaded(tmp_path)) == 0
-    monkeypatch.setattr(compiled, "_sources", lambda: "a kernel in another file has changed")
-    assert not is_cached(loaded(tmp_path)) and hits(loaded(tmp_path)) == 0
-    assert hits(loaded(tmp_path)) == 1
-
-
-def test_numba_has_the_private_parts_that_compiled_py_uses():
-    import numba
-    from numba.core.caching import FunctionCache
-    from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import Compiler
-
-    used = {
-        FunctionCache: ("_index_key", "load_overload", "flush"),
-        JITCodeLibrary: ("finalize", "_get_module_for_linking"),
-        Compiler: ("define_pipelines",),
-    }
-    lacking = [
-        f"{owner.__name__}.{name}" for owner, names in used.items() for name in names if not hasattr(owner, name)
-    ]
-    assert not lacking, f"numba {numba.__version__} lacks {lacking}: mend compiled.py, then raise the ceiling of numba"
+    environment = {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    found = Path(done.stderr.strip())
+    assert found.parent == tmp_path and found.stat().st_mode & 0o777 == 0o700 and not (tmp_path / "~").exists()

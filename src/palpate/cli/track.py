@@ -11,7 +11,7 @@ import palpate
 from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
 from palpate.cli.track_files import Outcome, Outputs, Way, read_first_poses, track_file, track_files
-from palpate.errors import PalpateError, SettingError
+from palpate.errors import SettingError
 from palpate.files import new_file
 from palpate.types.choices import Placement
 
@@ -147,14 +147,14 @@ def warm_up() -> Report:
 
     Example: palpate warm-up
     """
-    from palpate.compiled import cache_folder
+    from palpate import tracker
+    from palpate.compiled.library import path_of
     from palpate.models.pushing.compiled import PUSHING
 
-    folder = cache_folder(PUSHING.improve)
-    if not folder:
-        raise PalpateError("compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that only you can write to")
-    palpate.Tracker(palpate.Disc(0.05), palpate.DIGIT, None, palpate.TrackerSettings("learnt"))
-    return Report("compiled code", {"folder": str(folder)})
+    tracker.warm_up()
+    path = path_of(PUSHING.improve)
+    assert path is not None, "it was made just now"
+    return Report("compiled code", {"folder": str(path.parent)})
 
 
 def ros2(*words: str) -> int:

@@ -1,12 +1,11 @@
 """A model as compiled code takes it: sizes, the kinds of its factors, and compiled functions."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 from palpate.arrays import Array, Integers, Records
-from palpate.compiled import kernel
+from palpate.compiled import Compiled, kernel
 from palpate.estimation.eliminate import Elimination, elimination
 from palpate.estimation.factor import Role
 from palpate.estimation.model import Model
@@ -90,9 +89,9 @@ class CompiledModel:
     """Variables and factors."""
     records: RecordTypes
     """Types of its records."""
-    improve: Callable[..., None]
+    improve: Compiled
     """Take Gauss-Newton steps of some rows of a window; see `estimation.gauss_newton`."""
-    begin_step: Callable[..., None]
+    begin_step: Compiled
     """Give the last of the steps its first values."""
 
     @cached_property

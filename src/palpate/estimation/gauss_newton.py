@@ -5,15 +5,17 @@ its `Functions` linearise factors and move variables; see `estimation.eliminate`
 """
 
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from palpate.arrays import Array, Flags, Records
-from palpate.compiled import compiled, kernel
+from palpate.compiled import Compiled, compiled, kernel
 from palpate.estimation.compiled_model import BELIEF, MEASUREMENT, PROCESS, Functions, Given, Own, copy_own
 from palpate.estimation.eliminate import inflate
 from palpate.estimation.innovations import make_put_innovations, make_put_process_innovations, make_put_surprise
+from palpate.estimation.records import RecordTypes
 
 CONVERGED = 5e-5
 """[m], [rad] Largest change of a variable of a step that ends the iterations. With a limit six times as large, real
@@ -21,8 +23,11 @@ pushes are tracked worse."""
 _FULL_WEIGHT = 1.0 - 1e-9  # share of the weight left by a robust kernel that counts as all
 
 
-def make_improve(model: Functions, name: str) -> Callable[..., None]:
-    """Return the compiled function that improves rows of a window of a model; `name` tells models apart on disk."""
+def make_improve(model: Functions, records: RecordTypes, given: Given, name: str) -> Compiled:
+    """Return the compiled function that improves rows of a window of a model; `name` tells models apart on disk.
+
+    `given` is an example of what the model is given.
+    """
     improve_row = make_improve_row(model)
 
     def improve(
@@ -45,8 +50,17 @@ def make_improve(model: Functions, name: str) -> Callable[..., None]:
                 own_of_row = (own[0], own[1][b])
                 changing[b] = improve_row(steps[b], left, rows[b], terms, own_of_row, given, iterations)
 
-    improve.__qualname__ = f"improve_{name}"
-    return compiled(improve)
+    return compiled(
+        np.zeros((1, 1), records.step),
+        0,
+        np.zeros(1, records.row),
+        np.zeros(1, records.term),
+        (np.zeros(1, np.int64), np.zeros((1, 1, 1, 1))),
+        given,
+        np.zeros(1, np.bool_),
+        0,
+        name=f"improve_{name}",
+    )(improve)
 
 
 def make_improve_row(model: Functions) -> Any:

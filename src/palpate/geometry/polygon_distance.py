@@ -8,9 +8,24 @@ from palpate.arrays import Array, Integers
 from palpate.compiled import compiled, kernel
 
 
-@compiled
 def distances(points: Array, corners: Array) -> Array:
-    """Return the distances (M,) [m] of points (M, 2) from the outline through corners (N, 2).
+    """Return the distances (M,) [m] of points (M, 2) from the outline through corners (N, 2)."""
+    count = len(corners)
+    outline = np.concatenate((corners, corners[:1]))
+    size = math.ceil(0.5 * math.sqrt(count))
+    firsts = np.arange(0, count + size, size)
+    firsts[-1] = count
+    groups = len(firsts) - 1
+    nearest = np.empty(len(points))
+    _write_distances(np.ascontiguousarray(points), outline, firsts, np.zeros(groups), np.zeros(groups), nearest)
+    return nearest
+
+
+@compiled(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1, np.int64), np.zeros(1), np.zeros(1), np.zeros(1))
+def _write_distances(
+    points: Array, outline: Array, firsts: Integers, bulges: Array, bounds: Array, nearest: Array
+) -> None:
+    """Write the distances of points; bulges and bounds (groups,) are room, and the bounds begin with 0.
 
     Consecutive edges form groups, each near the chord from its first corner to its last. A group is no nearer to a
     point than its chord, less the largest distance of its corners from the chord, its bulge. Its edges are looked at
@@ -18,21 +33,16 @@ def distances(points: Array, corners: Array) -> Array:
     A point is no nearer to a group than the point before was, less the distance between the points: this second bound
     often decides without the chord.
     """
-    count = len(corners)
-    outline = np.concatenate((corners, corners[:1]))
-    size = math.ceil(0.5 * math.sqrt(count))
-    firsts = np.arange(0, count + size, size)
-    firsts[-1] = count
     groups = len(firsts) - 1
-    bulges = _bulges(outline, firsts)
-    nearest = np.empty(len(points))
-    bounds = np.zeros(groups)  # [m] every edge of a group is at least so far from the point
+    _put_bulges(outline, firsts, bulges)
     nearest_group = 0
     last_x = 0.0
     last_y = 0.0
     for i in range(len(points)):
         x, y = points[i]
-        bounds -= math.hypot(x - last_x, y - last_y) * (1.0 + 1e-9)
+        moved = math.hypot(x - last_x, y - last_y) * (1.0 + 1e-9)
+        for k in range(groups):  # every edge of a group is at least so far from the point
+            bounds[k] -= moved
         last_x = x
         last_y = y
         first_group = nearest_group
@@ -52,19 +62,16 @@ def distances(points: Array, corners: Array) -> Array:
                     nearest_group = group
             limit = math.sqrt(least_square) * (1.0 + 1e-9)
         nearest[i] = math.sqrt(least_square)
-    return nearest
 
 
 @kernel
-def _bulges(outline: Array, firsts: Integers) -> Array:
-    """Return the largest distance [m] of the corners of each group from the chord of the group."""
-    bulges = np.zeros(len(firsts) - 1)
+def _put_bulges(outline: Array, firsts: Integers, bulges: Array) -> None:
+    """Write the largest distance [m] of the corners of each group from the chord of the group, to zeros."""
     for group in range(len(bulges)):
         for k in range(firsts[group], firsts[group + 1]):
             x, y = outline[k]
             square = _square_distance(x, y, outline, firsts[group], firsts[group + 1])
             bulges[group] = max(bulges[group], math.sqrt(square))
-    return bulges
 
 
 @kernel

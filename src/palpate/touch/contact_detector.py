@@ -10,10 +10,9 @@ import numpy as np
 from palpate.arrays import Flags, Image, Levels
 from palpate.config import CONTACT_DETECTION
 from palpate.errors import FileError, SettingError
-from palpate.touch.background import Background, SteadyImages, background_of
+from palpate.touch.background import Background, SteadyImages
 from palpate.touch.calibration import Calibration, check_view, mismatch
 from palpate.touch.cells import (
-    ACROSS,
     Light,
     cells_of,
     channels_apart,
@@ -25,7 +24,6 @@ from palpate.touch.cells import (
 )
 from palpate.touch.markers import Markers, find_markers, without_markers
 from palpate.touch.marks import new_marks, with_marks
-from palpate.touch.neighbours import spots_of
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
@@ -63,7 +61,6 @@ class ContactDetector:
             wrong = mismatch(calibration, sensor)
             if wrong:
                 raise SettingError(wrong)
-        _load_compiled()
         self.background: Background | None = None
         """The untouched gel at present; None while the first images are collected."""
         self.share = 0.0
@@ -262,18 +259,6 @@ class ContactDetector:
 
 
 @cache
-def _load_compiled() -> None:
-    """Compile or load the functions that read images: before the robot's first image, not at it."""
-    image = np.zeros((1, 1, 3), np.uint8)
-    gel = background_of([image])
-    cells = cells_of(gel.mean)
-    compare(cells, cells, np.float32(1.0))
-    wide_cells_of(np.zeros((ACROSS * 3, ACROSS * 3, 3), np.uint8))
-    gel.follow(image, 0.0)
-    spots_of(np.zeros((1, 1), np.bool_))
-    new_marks(image, image)
-
-
 def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:
     """Return flags (N,) of encoded images that show a touch; those that are damaged or show no gel count as none."""
     detector = ContactDetector(sensor, calibration)

@@ -91,7 +91,7 @@ def _lines(image: Image) -> Image:
     return np.ascontiguousarray(image).reshape(len(image), -1)
 
 
-@compiled
+@compiled(np.zeros((1, 1), np.uint8), np.zeros((1, 1), np.uint8), 0)
 def _jumps_in_every_other_row(lines: Image, before: Image, jump: int) -> int:
     """Return the number of values that have changed by more than a jump [grey levels]."""
     count = 0

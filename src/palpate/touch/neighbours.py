@@ -12,6 +12,9 @@ from palpate.compiled import compiled, kernel
 Pixels = TypeVar("Pixels", bound=NDArray[Any])
 
 
+_AT_A_TIME = 1024  # values whose medians are found together
+
+
 def largest_near(pixels: Pixels, width: int) -> Pixels:
     """Return the largest value (height, width, ...) in a square about each pixel, of this width [px]."""
     return _chosen_near(pixels, width, np.maximum)
@@ -51,19 +54,26 @@ def median_near(image: Image, width: int) -> Image:
     line = 3 * padded.shape[1]
     shifts = np.array([row * line + 3 * column for row in range(width) for column in range(width)])
     medians = np.empty(rows * line, np.uint8)
-    _set_medians(padded.ravel(), shifts, medians[: padded.size - shifts[-1]])
+    kept = np.empty((len(shifts) // 2 + 2, _AT_A_TIME), np.uint8)
+    _set_medians(padded.ravel(), shifts, kept, medians[: padded.size - shifts[-1]])
     return medians.reshape(rows, -1, 3)[:, :columns]
 
 
-@compiled
-def _set_medians(values: NDArray[np.uint8], shifts: Integers, medians: NDArray[np.uint8]) -> None:
+_BYTES = np.zeros(1, np.uint8)  # examples of arrays that compiled functions take
+_BYTES_IN_ROWS = np.zeros((1, 1), np.uint8)
+
+
+@compiled(_BYTES, np.zeros(1, np.int64), _BYTES_IN_ROWS, _BYTES)
+def _set_medians(
+    values: NDArray[np.uint8], shifts: Integers, kept: NDArray[np.uint8], medians: NDArray[np.uint8]
+) -> None:
     """Set the median of the values that lie behind each by these shifts, of which there are 2 n + 1.
 
     It is neither the least nor the greatest of any n + 2 of them. So these two are dropped and the next is taken, until
-    one is left; for many values at a time, as the compiler turns that into vector instructions.
+    one is left; for many values at a time, as the compiler turns that into vector instructions. `kept` (n + 2, many) is
+    room.
     """
-    most = 1024
-    kept = np.empty((len(shifts) // 2 + 2, most), np.uint8)
+    most = kept.shape[1]
     for start in range(0, len(medians), most):
         count = min(most, len(medians) - start)
         for place in range(len(kept) - 1):
@@ -109,7 +119,7 @@ class Spots:
 def spots_of(mask: Flags) -> Spots:
     """Return the connected spots of a mask (height, width)."""
     spot_of = np.zeros(mask.shape, np.int32)
-    count = 1 + _fill_spots(np.ascontiguousarray(mask), spot_of)
+    count = 1 + _fill_spots(np.ascontiguousarray(mask), spot_of, np.empty((mask.size, 2), np.int32))
     extent = np.zeros((count, 2), np.int64)
     places = np.nonzero(spot_of)
     spot = spot_of[places]
@@ -122,11 +132,16 @@ def spots_of(mask: Flags) -> Spots:
     return Spots(spot_of, np.bincount(spot_of.ravel(), minlength=count), extent)
 
 
-@compiled
-def _fill_spots(mask: Flags, spot_of: NDArray[np.int32]) -> int:
-    """Set the index of each spot's pixels, from 1 on, and return the number of spots."""
+_INDICES = np.zeros((1, 1), np.int32)
+
+
+@compiled(np.zeros((1, 1), np.bool_), _INDICES, _INDICES)
+def _fill_spots(mask: Flags, spot_of: NDArray[np.int32], waiting: NDArray[np.int32]) -> int:
+    """Set the index of each spot's pixels, from 1 on, and return the number of spots.
+
+    `waiting` (pixels, 2) is room for pixels whose neighbours are not yet looked at.
+    """
     rows, columns = mask.shape
-    waiting = np.empty((mask.size, 2), np.int32)  # pixels whose neighbours are not yet looked at
     count = 0
     for first_row in range(rows):
         for first_column in range(columns):

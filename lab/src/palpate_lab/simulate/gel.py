@@ -88,13 +88,19 @@ def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, i
     distance = shape.signed_distance(se2.transform(object_T_sensor, section))
     depth = (nearest + indentation - distance).astype(np.float32)
     overlap = np.asarray(cv2.remap(depth, column, row, cv2.INTER_LINEAR), np.float32)
-    return _rounded(overlap, within, np.float32(5e-4))
+    rounded = np.empty_like(overlap)
+    _write_rounded(overlap, within, 5e-4, rounded)
+    return rounded
 
 
-@compiled
-def _rounded(overlap: Image, within: Image, fillet: np.float32) -> Image:
+_MAP = np.zeros((1, 1), np.float32)  # examples of arrays that compiled functions take
+_MAPS = np.zeros((1, 1, 1), np.float32)
+
+
+@compiled(_MAP, _MAP, 0.0, _MAP)
+def _write_rounded(overlap: Image, within: Image, radius: float, depth: Image) -> None:
     """Join the depths below the side and below the rim in a quarter circle of this radius [m]."""
-    depth = np.empty_like(overlap)
+    fillet = np.float32(radius)
     zero = np.float32(0.0)
     for row in range(overlap.shape[0]):
         for column in range(overlap.shape[1]):
@@ -104,7 +110,6 @@ def _rounded(overlap: Image, within: Image, fillet: np.float32) -> Image:
             y = max(fillet - below_rim, zero)
             rounded = fillet - np.float32(math.sqrt(np.float64(x) * x + np.float64(y) * y))
             depth[row, column] = max(rounded + max(min(below_side, below_rim) - fillet, zero), zero)
-    return depth
 
 
 def touch_image(
@@ -160,15 +165,17 @@ def shading(unit: SensorUnit, height: Image) -> Image:
     right = np.asarray(cv2.Sobel(height, cv2.CV_32F, 1, 0, ksize=3, scale=scale), np.float32)
     up = np.asarray(cv2.Sobel(height, cv2.CV_32F, 0, 1, ksize=3, scale=scale), np.float32)
     light = unit.light.astype(np.float32)
-    lit = _lit(right, up, rest_right, rest_up, rest_lit, light, strength, _shadows(unit, height))
+    shadows = _shadows(unit, height)
+    lit = np.empty_like(shadows)
+    _write_lit(right, up, rest_right, rest_up, rest_lit, light, strength, shadows, lit)
     difference = np.asarray(cv2.transform(lit, unit.colour.T.astype(np.float32)), np.float32)
     surroundings = np.asarray(cv2.GaussianBlur(height, (0, 0), 8e-4 / unit.pitch), np.float32)
-    _add_fold(difference, response, height, surroundings, np.float32(unit.fold * 3.5e5))
+    _add_fold(difference, response, height, surroundings, unit.fold * 3.5e5)
     return difference
 
 
-@compiled
-def _lit(
+@compiled(_MAP, _MAP, _MAP, _MAP, _MAPS, _MAP, _MAPS, _MAPS, _MAPS)
+def _write_lit(
     right: Image,
     up: Image,
     rest_right: Image,
@@ -177,9 +184,9 @@ def _lit(
     light: Image,
     strength: Image,
     shadow: Image,
-) -> Image:
-    """Return the change of each light on the gel, (height, width, 3), by its slopes to the right and down."""
-    lit = np.empty_like(shadow)
+    lit: Image,
+) -> None:
+    """Write the change of each light on the gel, (height, width, 3), by its slopes to the right and down."""
     one = np.float32(1.0)
     for row in range(right.shape[0]):
         for column in range(right.shape[1]):
@@ -190,12 +197,12 @@ def _lit(
                 facing = (light[k, 0] * normal_right + light[k, 1] * normal_up + light[k, 2]) * shrink
                 facing = max(facing, np.float32(0.0)) * (one - shadow[row, column, k])
                 lit[row, column, k] = (facing - rest_lit[k, row, column]) * strength[k, row, column]
-    return lit
 
 
-@compiled
-def _add_fold(difference: Image, response: Image, height: Image, surroundings: Image, strength: np.float32) -> None:
+@compiled(_MAPS, _MAPS, _MAP, _MAP, 0.0)
+def _add_fold(difference: Image, response: Image, height: Image, surroundings: Image, slope: float) -> None:
     """Apply the camera's response, and a fold at the contact's rim: up to 60 grey levels darker, over 0.8 mm."""
+    strength = np.float32(slope)
     one = np.float32(1.0)
     most = np.float32(60.0)
     for row in range(height.shape[0]):

@@ -6,15 +6,19 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from palpate.compiled import cache_folder, hash_of
+import numpy as np
+
+from palpate.compiled import compiled
+from palpate.compiled.library import cache_folder, hash_of
 from palpate.errors import SettingError
-from palpate.estimation.compiled_model import CompiledModel, functions_of
+from palpate.estimation.compiled_model import CompiledModel, Given, functions_of
 from palpate.estimation.gauss_newton import make_improve
 from palpate.estimation.model import Model
 from palpate.estimation.records import record_types
 from palpate.files import whole_file
 from palpate.models import generated
 from palpate.models.pushing import force, hand_step, step
+from palpate.models.pushing.contact_geometry import SURFACE
 from palpate.models.pushing.hand import hand_model
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.settings import SETTINGS
@@ -39,11 +43,20 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         put_object=step.put_object,
         put_object_derivative=step.put_object_derivative,
     )
+    records = record_types(model)
+    given = Given(
+        settings=np.zeros(1, SETTINGS),
+        drift=np.zeros(1),
+        surface=model.fingers * (SURFACE,) if is_hand else SURFACE,
+        places=np.zeros((1, 1)),
+        work=np.zeros(1, records.work),
+    )
+    begin_step = compiled(np.zeros((1, 1), records.step), name=f"begin_step_{name}")
     return CompiledModel(
         model=model,
-        records=record_types(model),
-        improve=make_improve(functions, name),
-        begin_step=hand_step.begin_hand_step if is_hand else step.begin_step,
+        records=records,
+        improve=make_improve(functions, records, given, name),
+        begin_step=begin_step(hand_step.begin_hand_step if is_hand else step.begin_step),
     )
 
 
@@ -85,13 +98,9 @@ def hand_pushing(fingers: int) -> CompiledModel:
         from palpate.models import generated_two_fingers
 
         return compiled_model(model, generated_two_fingers, "two_fingers")
-    folder = cache_folder(PUSHING.improve)
-    if not folder:
-        raise SettingError(
-            f"a hand of {fingers} fingers needs a folder in which compiled code is kept: NUMBA_CACHE_DIR"
-        )
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    return extended_pushing(model, Path(folder) / f"palpate_{fingers}_fingers.py")
+    folder = cache_folder()
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return extended_pushing(model, folder / f"palpate_{fingers}_fingers.py")
 
 
 def _loaded(path: Path) -> ModuleType:

@@ -64,6 +64,15 @@ class Surface(NamedTuple):
     """Room for the CONTACT_GEOMETRY (n,) of each part."""
 
 
+SURFACE = Surface(
+    parts=np.zeros(1, np.complex128),
+    radius=0.0,
+    field=DistanceField(origin=np.zeros(2), cell=0.0, coefficients=np.zeros((1, 1))),
+    each=np.zeros(1, CONTACT_GEOMETRY),
+)
+"""An example of a surface, for compiled functions."""
+
+
 @dataclass(frozen=True, eq=False)
 class ContactModel:
     """An object's outline and friction, and the round parts of a sensor."""
@@ -119,7 +128,7 @@ class ContactModel:
     def touching(self, g: Array) -> NDArray[np.void]:
         """Return the CONTACT_GEOMETRY (B, N) at sensor poses g (B, N, 3) in the object frame."""
         out = np.empty(g.shape[:2], CONTACT_GEOMETRY)
-        _touching(g, self.surface, out)
+        _touching(np.ascontiguousarray(g), self.surface, out)
         return out
 
     def moved_along(self, g: Array, lengths: Array) -> Array:
@@ -127,8 +136,8 @@ class ContactModel:
 
         The distance between the middle of the parts and the outline stays the same.
         """
-        moved = g.copy()
-        _move_along(moved, lengths, self.center, self.surface)
+        moved = np.array(g, order="C")
+        _move_along(moved, np.ascontiguousarray(lengths), self.center, self.surface)
         return moved
 
 
@@ -160,7 +169,7 @@ def _corners(shape: Shape) -> Array:
     return np.column_stack([place.real, place.imag, np.angle(1j * before) + half, half])
 
 
-@compiled
+@compiled(np.zeros((1, 1, 3)), SURFACE, np.zeros((1, 1), CONTACT_GEOMETRY))
 def _touching(g: Array, surface: Surface, out: Records) -> None:
     for b in range(g.shape[0]):
         for k in range(g.shape[1]):
@@ -257,7 +266,7 @@ def _put_mean(parts: Records, touch: Records) -> None:
             touch.normal_by_g[c] += share * (part.normal_by_g[c] + grows * part.normal)
 
 
-@compiled
+@compiled(np.zeros((1, 3)), np.zeros(1), 0j, SURFACE)
 def _move_along(g: Array, lengths: Array, center: complex, surface: Surface) -> None:
     for k in range(len(g)):
         place = position(g[k])

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from palpate.arrays import Records
-from palpate.compiled import compiled, kernel
+from palpate.compiled import kernel
 from palpate.estimation.model import Model
 from palpate.manifolds.function_kernels import beyond, side
 from palpate.manifolds.se2_kernels import position, rotation
@@ -16,6 +16,7 @@ from palpate.models.pushing.contact_geometry import put_touch_of_finger
 from palpate.models.pushing.force import NEIGHBOURS, eased, make_motion
 from palpate.models.pushing.step import SHARE_OF_SINKING, go_on
 from palpate.models.pushing.variables import GRIP
+
 
 @kernel
 def prepare_hand_step(now: Records, surfaces: Any) -> None:
@@ -115,7 +116,6 @@ def make_put_last_hand_force(model: Model) -> Any:
     return put_last_hand_force
 
 
-@compiled
 def begin_hand_step(steps: Records) -> None:
     """Begin the last of the steps (B, N), as `step.begin_step` does; its motion is that of the fingers that touch."""
     last = steps.shape[1] - 1

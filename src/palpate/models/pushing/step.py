@@ -1,7 +1,7 @@
 """What a step of pushing brings besides its factors: contact geometry, the object's pose, and its first values."""
 
 from palpate.arrays import Array, Records
-from palpate.compiled import compiled, kernel
+from palpate.compiled import kernel
 from palpate.manifolds.se2_kernels import adjoint, between, position, rotation, wrap
 from palpate.models.generated import put_rotations
 from palpate.models.pushing.contact_geometry import Surface, put_touch
@@ -42,7 +42,6 @@ def put_object_derivative(now: Records, jacobian: Array, first: int) -> None:
             by_g[r, c] = -by_e[r, c]
 
 
-@compiled
 def begin_step(steps: Records) -> None:
     """Begin the last of the steps (B, N), in which the measured sensor pose and the disturbance are set.
 
