@@ -6,6 +6,7 @@ import sys
 import time
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,7 +93,7 @@ def test_physics_has_no_error_where_it_holds():
     assert physics_errors(model, still, e)[0] == pytest.approx(-0.04 / np.sqrt(19.0), abs=1e-6)
 
 
-def trials_of(method, finals, level=""):
+def trials_of(method: str, finals: list[float], level: str = "") -> list[Any]:
     """Trials of the rectangle by their final errors in mm, of which degrees are a tenth."""
     names = [f"rect-edges-{k}{level}.mcap" for k in range(len(finals))]
     summaries = [{"final_translation_error_mm": mm, "final_rotation_error_deg": 0.1 * mm} for mm in finals]
@@ -128,7 +129,8 @@ def test_an_estimate_that_turns_by_half_has_followed_by_half():
     time = np.arange(90) / 30.0
     truth = np.column_stack([np.zeros((90, 2)), np.sin(time)])
     half = truth * [1.0, 1.0, 0.5] + [0.0, 0.0, 0.3]
-    assert turn_followed([SimpleNamespace(time=time, truth=truth, pose=half)]) == pytest.approx(0.5)
+    trial: Any = SimpleNamespace(time=time, truth=truth, pose=half)
+    assert turn_followed([trial]) == pytest.approx(0.5)
 
 
 def test_panels_take_pushes_by_setting_and_ways_by_what_is_given():

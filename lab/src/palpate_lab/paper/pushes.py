@@ -8,7 +8,7 @@ from palpate_lab.simulate.push_settings import PushSettings
 _ANY = PushSettings(
     # "Trajectories are varied as combinations of straight-line and curved pushes."
     curvature=5.0,
-    speed=(0.034, 0.046),
+    speed=(0.038, 0.050),
     heading=35.0,
     beside=0.2,
     # "For sticking contact, the contact point pushing velocity must lie inside the motion cone": clean, tacky silicone,
