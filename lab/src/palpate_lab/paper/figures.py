@@ -52,9 +52,8 @@ def draw(
         _save(out, "fig10_11_rect", trajectories(rectangles), title)
         title = "Figure 12 of the paper: poses of disc and ellipse at five instants of a push, by kind of touch"
         _save(out, "fig12_disc_ellip", trajectories(others), title)
-        _save(
-            out, "when_touch_helps", draw_panels(panels), "When touch helps (not in the paper): pushes of the rectangle"
-        )
+        title = "When touch helps (not in the paper): rectangle, medians of final errors and their 95 % intervals"
+        _save(out, "when_touch_helps", draw_panels(panels), title)
 
 
 def keypoints(seen: Mapping[str, Shown]) -> Figure:

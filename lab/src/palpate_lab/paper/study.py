@@ -82,18 +82,18 @@ FULL = PaperSettings(
 )
 """As many sequences as the paper has."""
 SMALL = PaperSettings(
-    train=2,
+    train=4,
     rectangles=2,
     others=1,
     swept=1,
     seconds=5.0,
     swept_seconds=5.0,
     steps=20,
-    turn_steps=20,
+    turn_steps=60,
     pairs=2000,
     nonlinear_steps=200,
 )
-"""Enough to see every part and figure."""
+"""Enough to see every part and figure; of four pushes of the rectangle, edges and corners both train and validate."""
 
 
 def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: str | None = None) -> dict[str, Any]:
