@@ -263,15 +263,25 @@ def paper_tracking() -> list[Row]:
     rows: list[Row] = []
     for name, by_mode in loaded("docs/study/paper.json")["tracking"].items():
         for mode, row in by_mode.items():
-            if mode != "in_order":
-                cells = {unit: "{median:.1f} [{low:.1f}, {high:.1f}]".format(**row[unit]) for unit in ("mm", "deg")}
-                rows.append({**row, **cells, "touch": mode, "object": name})
+            cells = {unit: "{median:.1f} [{low:.1f}, {high:.1f}]".format(**row[unit]) for unit in ("mm", "deg")}
+            rows.append({**row, **cells, "touch": mode, "object": name})
     return rows
 
 
 def paper_order() -> list[Row]:
     """Return the share of bootstrap draws in which the rectangle's medians stand in the paper's order."""
-    return [loaded("docs/study/paper.json")["tracking"]["rect"]["in_order"]]
+    return [loaded("docs/study/paper.json")["order"]["rect"]["in order"]]
+
+
+def paper_constant() -> list[Row]:
+    """Return the loss of a constant over pushes without images, thousandths, by object and seed."""
+    found = loaded("docs/study/paper_pushes.json")["constant"]
+    return [{**row, "object": name, "mean": fmean(row["seeds"])} for name, row in found.items()]
+
+
+def paper_without_images() -> list[Row]:
+    """Return final errors and the turning that is followed, by setting of the rectangle's pushes."""
+    return loaded("docs/study/paper_pushes.json")["tracked"]
 
 
 TABLES: dict[str, Table] = {
@@ -301,6 +311,26 @@ TABLES: dict[str, Table] = {
             "in 95 %": "{in_95_share:.0%}",
         },
         paper_tracking,
+    ),
+    "paper-constant": Table(
+        {
+            "object": "{object}",
+            "mean of seeds": "{mean:.1f}",
+            "seeds 1, 2, 3": "{seeds[0]:.1f}, {seeds[1]:.1f}, {seeds[2]:.1f}",
+            "published": "{published:.1f}",
+        },
+        paper_constant,
+    ),
+    "paper-without-images": Table(
+        {
+            "pushes": "{pushes}",
+            "number, seed": "{count}, {seed}",
+            "turning [deg]": "{turn_deg:.1f}",
+            **{f"{mode} [mm, deg]": f"{{{mode}[0]:.0f}}, {{{mode}[1]:.1f}}" for mode in ("none", "const", "oracle")},
+            "turn followed: none, const": "{followed[0]:.2f}, {followed[1]:.2f}",
+            "none > const: mm, deg": "{share[0]:.0%}, {share[1]:.0%}",
+        },
+        paper_without_images,
     ),
     "paper-order": Table({"in order, translation": "{mm:.0%}", "rotation": "{deg:.0%}"}, paper_order),
     "expected": Table({"": "{name}", "runs": "{count}", **SCORES}, expected),

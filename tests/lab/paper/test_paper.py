@@ -5,6 +5,8 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +26,9 @@ from palpate_lab.paper.graph import (
     tactile_error,
     track_episodes,
 )
+from palpate_lab.paper.helps import level_of, panels_of
+from palpate_lab.paper.scores import loss_of_constant, order_scores, turn_followed
+from palpate_lab.paper.tracking import WAYS
 
 
 def pairs(count=3000, seed=0):
@@ -86,6 +91,62 @@ def test_physics_has_no_error_where_it_holds():
     # The object stays: each of 19 steps of the contact point lacks 40 / 19 mm, 40 mm over the root of 19 in all.
     still = np.tile(truth[0], (20, 1))
     assert physics_errors(model, still, e)[0] == pytest.approx(-0.04 / np.sqrt(19.0), abs=1e-6)
+
+
+def trials_of(method: str, finals: list[float], level: str = "") -> list[Any]:
+    """Trials of the rectangle by their final errors in mm, of which degrees are a tenth."""
+    names = [f"rect-edges-{k}{level}.mcap" for k in range(len(finals))]
+    summaries = [{"final_translation_error_mm": mm, "final_rotation_error_deg": 0.1 * mm} for mm in finals]
+    return [
+        SimpleNamespace(recording=name, method=method, summary=summary)
+        for name, summary in zip(names, summaries, strict=True)
+    ]
+
+
+def test_the_order_is_that_of_medians_and_oracle_may_equal_learnt():
+    apart = [*trials_of("none", [9.0, 8.0, 9.0]), *trials_of("const", [7.0, 6.0, 7.0])]
+    same = [*trials_of("learnt", [5.0, 4.0, 5.0]), *trials_of("oracle", [5.0, 4.0, 5.0])]
+    assert set(order_scores(apart + same)["rect"]["in order"].values()) == {1.0}
+    swapped = [*trials_of("const", [9.0, 8.0, 9.0]), *trials_of("none", [7.0, 6.0, 7.0])]
+    shares = order_scores(swapped + same)["rect"]
+    assert shares["in order"]["mm"] == shares["none > const"]["deg"] == 0.0 and shares["const > learnt"]["mm"] == 1.0
+
+
+def test_a_constant_errs_by_the_turns_within_a_contact_alone():
+    # Each frame of two contacts turns by 1 degree, so pairs of one contact differ by 10 to 19 degrees.
+    relative = np.zeros((60, 3))
+    relative[:, 2] = np.radians(np.arange(60))
+    episode = np.full(60, -1)
+    episode[:20] = 0
+    episode[40:] = 1
+    back = np.arange(10, 20)
+    wanted = 0.5 * np.average(np.sin(np.radians(back)) ** 2, weights=20 - back)
+    assert loss_of_constant(relative, episode) == pytest.approx(wanted)
+    assert np.isnan(loss_of_constant(relative, np.full(60, -1)))
+
+
+def test_an_estimate_that_turns_by_half_has_followed_by_half():
+    time = np.arange(90) / 30.0
+    truth = np.column_stack([np.zeros((90, 2)), np.sin(time)])
+    half = truth * [1.0, 1.0, 0.5] + [0.0, 0.0, 0.3]
+    trial: Any = SimpleNamespace(time=time, truth=truth, pose=half)
+    assert turn_followed([trial]) == pytest.approx(0.5)
+
+
+def test_panels_take_pushes_by_setting_and_ways_by_what_is_given():
+    levels = {"turning-along": 1.0, "as-is": 2.0, "held-still": 3.0, "friction-0.5": 4.0, "friction-0.25": 5.0}
+    modes = ("none", "const", "learnt", "oracle", "palpate")
+    trials = [trial for level, mm in levels.items() for mode in modes for trial in trials_of(mode, [mm], f"@{level}")]
+    ways = [trial for name in WAYS if "+" in name for trial in trials_of(name, [20.0], "@as-is")]
+    of_level = {level: {"turn_deg": mm, "slip_mm": mm} for level, mm in levels.items()}
+    panels = panels_of(trials, ways, of_level)
+    assert [point[:2] for point in panels["mm"]["turn_deg"]["none"]] == [(1.0, 1.0), (2.0, 2.0), (3.0, 3.0)]
+    assert [point[:2] for point in panels["mm"]["slip_mm"]["learnt"]] == [(2.0, 2.0), (4.0, 4.0), (5.0, 5.0)]
+    # The authors' c and a right first pose are those of the pushes as they are, and palpate has its own c.
+    assert [point[1] for point in panels["deg"]["c_factor"]["const"]] == pytest.approx([2.0, 2.0, 2.0, 0.2])
+    assert [point[1] for point in panels["mm"]["c_factor"]["palpate"]] == [2.0] * 4
+    assert [point[1] for point in panels["mm"]["first_mm"]["oracle"]] == [2.0, 20.0, 20.0]
+    assert level_of("rect-edges-3@as-is.mcap") == "as-is" and level_of("rect-edges-3.mcap") == ""
 
 
 def test_a_folder_of_other_code_and_features_that_are_none_are_named(fails, tmp_path):

@@ -41,15 +41,19 @@ def draw(
         _save(out, "fig5_keypoints", keypoints(seen), "Figure 5 of the paper: learnt key points on touch images")
         title = "Figure 6 of the paper: online errors, medians and quartiles of sequences"
         _save(out, "fig6_errors_over_time", errors_over_time(by_object, errors), title)
-        title = "Figure 7 of the paper: final errors, median, quartiles, 5 and 95 %"
+        title = "Figure 7 of the paper: final errors of sequences, median, quartiles, whiskers to 5 and 95 %"
         _save(out, "fig7_final_errors", final_errors(by_object), title)
-        title = "Figure 8 of the paper: time of a step of the graph, medians and quartiles"
-        _save(out, "fig8_runtime", errors_over_time(by_object, runtime), title)
-        title = "Figures 10, 11 of the paper: rectangle, true poses grey, sensor's path dotted, x and y in m"
+        title = "Figure 8 of the paper: time of a step of the graph in contact, medians and quartiles of sequences"
+        figure = errors_over_time([_in_contact(trial) for trial in by_object], runtime)
+        for axes in figure.axes:
+            axes.set_xlabel("time in contact [s]")
+        _save(out, "fig8_runtime", figure, title)
+        title = "Figures 10, 11 of the paper: poses of the rectangle at five instants of a push, by kind of touch"
         _save(out, "fig10_11_rect", trajectories(rectangles), title)
-        title = "Figure 12 of the paper: disc and ellipse, true poses grey, sensor's path dotted, x and y in m"
+        title = "Figure 12 of the paper: poses of disc and ellipse at five instants of a push, by kind of touch"
         _save(out, "fig12_disc_ellip", trajectories(others), title)
-        _save(out, "when_touch_helps", draw_panels(panels), "When touch helps: pushes of the rectangle")
+        title = "When touch helps (not in the paper): rectangle, medians of final errors and their 95 % intervals"
+        _save(out, "when_touch_helps", draw_panels(panels), title)
 
 
 def keypoints(seen: Mapping[str, Shown]) -> Figure:
@@ -72,15 +76,23 @@ def keypoints(seen: Mapping[str, Shown]) -> Figure:
 
 
 def trajectories(tracks: Tracks) -> Figure:
-    """Figures 10 to 12: true (grey) and estimated object poses over time, a row a sequence and a column a mode."""
-    figure = Figure(figsize=(11.0, 2.2 * len(tracks) + 0.4), layout="constrained")
+    """Figures 10 to 12: true and estimated object poses over time, a row a sequence and a column a mode."""
     modes = len(next(iter(tracks.values()))[1])
-    grid = figure.subplots(len(tracks), modes, squeeze=False)
+    figure = Figure(figsize=(2.4 * modes, 2.4 * len(tracks) + 0.6), layout="constrained")
+    grid = figure.subplots(len(tracks), modes, squeeze=False, sharex="row", sharey="row")
     for row, (name, (recording, trials)) in zip(grid, tracks.items(), strict=True):
         for axes, trial in zip(row, trials, strict=True):
             _draw_poses(axes, recording, trial)
-            axes.set_title(f"{name.removesuffix('.mcap')}, {trial.method}", fontsize=7)
+            axes.set_title(trial.method, fontsize=8, color=COLOURS[trial.method])
+            axes.set_xlabel("x [m]", fontsize=7)
+        row[0].set_ylabel(f"{name.removesuffix('.mcap')}\ny [m]", fontsize=7)
     return figure
+
+
+def _in_contact(trial: Trial) -> Trial:
+    """Return the frames of contact alone, as if they followed each other: the paper's graph takes a step in these."""
+    columns = {name: getattr(trial, name)[trial.contact] for name in ("truth", "pose", "nees", "contact", "step_ms")}
+    return replace(trial, time=np.median(np.diff(trial.time)) * np.arange(trial.contact.sum()), **columns)
 
 
 def _save(out: Path, name: str, figure: Figure, title: str) -> None:
@@ -97,10 +109,12 @@ def _draw_poses(axes: Axes, recording: Recording, trial: Trial) -> None:
     chosen = np.linspace(0, len(trial.truth) - 1, 5).astype(int)
     outline = recording.shape.outline()
     closed = np.concatenate([outline, outline[:1]])
-    for poses, look in ((trial.truth, "#999999"), (trial.pose, COLOURS[trial.method])):
-        axes.plot(*poses[:, :2].T, color=look, linewidth=0.8)
+    known = (trial.truth, "#999999", "true object")
+    estimated = (trial.pose, COLOURS[trial.method], "estimate, in the colour of its kind of touch")
+    for poses, colour, label in (known, estimated):
+        axes.plot(*poses[:, :2].T, color=colour, linewidth=0.8, label=label)
         for pose in poses[chosen]:
-            axes.plot(*se2.transform(pose, closed).T, color=look, linewidth=0.7)
-    axes.plot(*recording.sensor_pose[:, :2].T, ":", color="#666666", linewidth=0.6)
+            axes.plot(*se2.transform(pose, closed).T, color=colour, linewidth=0.7)
+    axes.plot(*recording.sensor_pose[:, :2].T, ":", color="#666666", linewidth=0.6, label="path of the sensor")
     axes.set_aspect("equal")
-    axes.tick_params(labelsize=5)
+    axes.tick_params(labelsize=6)

@@ -1,38 +1,45 @@
 """When touch helps: final errors of each mode against turning, friction radius, slip and error of the first pose.
 
-Turning and slip are those of the pushes, in thirds; friction radius and first pose are given to the graph.
+In turning and slip the pushes themselves differ, in one thing each; friction radius and first pose are given to the
+graph. Pushes of each setting are drawn alike: same worlds, same first contacts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.arrays import Array
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES
 from palpate.io import load_recording
 from palpate_lab.paper.graph import FRICTION_RADIUS
 from palpate_lab.paper.images import episode_numbers
-from palpate_lab.paper.scores import loss_of_constant
+from palpate_lab.paper.pushes import AS_IS, BY_SLIP, BY_TURNING
+from palpate_lab.paper.scores import loss_of_constant, median_with_interval
 from palpate_lab.paper.tracking import FIRST_ERRORS, FRICTION_FACTORS, MODES, Way
 from palpate_lab.study.figures import COLOURS
-from palpate_lab.study.results import FINALS
 from palpate_lab.study.study import Trial
 
-Points = list[tuple[float, float]]
-"""Abscissa and median of final errors."""
+Points = list[tuple[float, float, float, float]]
+"""Abscissa, median of final errors and its 95 % interval."""
 Panel = Mapping[str, Points]
 """Points of each mode."""
+Choose = Callable[[str], list[Trial]]
+"""Trials of a mode."""
 LABELS = {
     "turn_deg": "(a) turning about the contact\n[deg rms over 10 to 50 frames]",
-    "c_factor": "(b) friction radius c in the graph\nover that of uniform pressure",
-    "slip_mm": "(c) slip of the contact over a push [mm]",
+    "c_factor": "(b) friction radius c in the graph\n[of that of uniform pressure]",
+    "slip_mm": "(c) slip of the contact over a push\n[mm]",
     "first_mm": "(d) error of the first pose\n[mm, and 0.6° for each]",
 }
 """Axes of the panels, by what varies in them."""
+
+
+def level_of(name: str) -> str:
+    """Return the setting, of `pushes.VARIED`, of a recording by the name of its file."""
+    return name.removesuffix(".mcap").partition("@")[2]
 
 
 def traits(path: Path) -> dict[str, float]:
@@ -45,85 +52,68 @@ def traits(path: Path) -> dict[str, float]:
 
 
 def panels_of(
-    trials: Sequence[Trial], in_other_ways: Sequence[Trial], of_push: Mapping[str, Mapping[str, float]]
+    trials: Sequence[Trial], in_other_ways: Sequence[Trial], of_level: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, dict[str, Points]]]:
-    """Return the points of the figure by unit (mm, deg), panel and mode; `of_push` has the traits by recording."""
-    rectangles = [trial for trial in trials if trial.recording.startswith("rect")]
-    found: dict[str, dict[str, dict[str, Points]]] = {}
-    for unit in ("mm", "deg"):
-        found[unit] = {
-            "turn_deg": _by_thirds(rectangles, of_push, "turn_deg", unit),
-            "c_factor": _by_friction(rectangles, in_other_ways, unit),
-            "slip_mm": _by_thirds(rectangles, of_push, "slip_mm", unit),
-            "first_mm": _by_first_error(rectangles, in_other_ways, unit),
-        }
-    return found
+    """Return the points of the figure by unit (mm, deg), panel and mode; `of_level` has the traits by setting."""
+    as_is = [trial for trial in trials if level_of(trial.recording) == AS_IS]
+    given = [*as_is, *in_other_ways]
+    authors = FRICTION_RADIUS["rect"] / SHAPES["rectangle"].friction_radius()
+    panels = {"turn_deg": _by_level(trials, of_level, "turn_deg", BY_TURNING)}
+    panels["c_factor"] = {factor: _by_way(given, friction=factor) for factor in FRICTION_FACTORS}
+    panels["c_factor"][authors] = _by_way(given)
+    panels["slip_mm"] = _by_level(trials, of_level, "slip_mm", BY_SLIP)
+    panels["first_mm"] = {error: _by_way(given, first_error=error) for error in (0.0, *FIRST_ERRORS)}
+    return {unit: {name: _points(panel, unit) for name, panel in panels.items()} for unit in ("mm", "deg")}
 
 
 def draw_panels(panels: Mapping[str, Mapping[str, Panel]]) -> Figure:
     """Draw what `panels_of` returns, mm above and degrees below."""
-    figure = Figure(figsize=(13.0, 6.6), layout="constrained")
+    figure = Figure(figsize=(13.0, 6.8), layout="constrained")
     grid = figure.subplots(2, len(LABELS), sharey="row")
     for axes, (unit, of_unit) in zip(grid, panels.items(), strict=True):
         for axis, (name, label) in zip(axes, LABELS.items(), strict=True):
             _draw_lines(axis, of_unit[name])
             axis.set(xlabel=label, yscale="log", xscale="log" if name == "c_factor" else "linear")
-        ticks = [at for at, _ in next(iter(of_unit["c_factor"].values()))]
+        ticks = [at for at, *_ in next(iter(of_unit["c_factor"].values()))]
         axes[1].set_xticks(ticks, [f"{at:.2g}" for at in ticks], minor=False)
         axes[1].set_xticks([], minor=True)
-        axes[0].set_ylabel(f"median final error [{unit}]")
+        axes[0].set_ylabel(f"final error [{unit}]")
     return figure
 
 
 def _draw_lines(axis: Axes, lines: Panel) -> None:
     for mode, points in lines.items():
-        abscissae, errors = zip(*points, strict=True)
-        axis.plot(abscissae, errors, "o-", color=COLOURS[mode], label=mode, markersize=4)
+        at, middle, low, high = np.array(points).T
+        axis.fill_between(at, low, high, color=COLOURS[mode], alpha=0.12, lw=0)
+        axis.plot(at, middle, "o-", color=COLOURS[mode], label=mode, markersize=4)
 
 
-def _by_thirds(
-    trials: Sequence[Trial], of_push: Mapping[str, Mapping[str, float]], trait: str, unit: str
-) -> dict[str, Points]:
-    """Return medians over the thirds of sequences with least, middling and most of a trait."""
-    names = sorted({trial.recording for trial in trials}, key=lambda name: of_push[name][trait])
-    lines: dict[str, Points] = {mode: [] for mode in MODES}
-    for third in np.array_split(names, 3):
-        if not len(third):
-            continue
-        at = float(np.median([of_push[name][trait] for name in third]))
-        for mode, points in lines.items():
-            points.append((at, _median([t for t in trials if t.method == mode and t.recording in third], unit)))
-    return lines
+def _by_level(
+    trials: Sequence[Trial], of_level: Mapping[str, Mapping[str, float]], trait: str, levels: Sequence[str]
+) -> dict[float, Choose]:
+    """Return how to choose trials, by what was measured of a trait over the pushes of each setting."""
+    return {of_level[level][trait]: _at_level(trials, level) for level in levels}
 
 
-def _by_friction(trials: Sequence[Trial], in_other_ways: Sequence[Trial], unit: str) -> dict[str, Points]:
-    """Return medians over the swept sequences for each friction radius; palpate's is that of uniform pressure."""
-    swept = {trial.recording for trial in in_other_ways}
-    authors = FRICTION_RADIUS["rect"] / SHAPES["rectangle"].friction_radius()
-    factors = {authors: None, **{factor: factor for factor in FRICTION_FACTORS}}
-    together = [*in_other_ways, *(trial for trial in trials if trial.recording in swept)]
+def _at_level(trials: Sequence[Trial], level: str) -> Choose:
+    return lambda mode: [trial for trial in trials if trial.method == mode and level_of(trial.recording) == level]
+
+
+def _by_way(trials: Sequence[Trial], friction: float | None = None, first_error: float = 0.0) -> Choose:
+    """Return how to choose trials by friction radius, of which palpate has its own, and error of the first pose."""
+
+    def choose(mode: str) -> list[Trial]:
+        way = Way(mode, None if mode == "palpate" else friction, first_error)
+        return [trial for trial in trials if trial.method == way.name]
+
+    return choose
+
+
+def _points(panel: Mapping[float, Choose], unit: str) -> dict[str, Points]:
     lines: dict[str, Points] = {}
     for mode in MODES:
         lines[mode] = []
-        for at, friction in sorted(factors.items()):
-            method = mode if mode == "palpate" else Way(mode, friction).name
-            lines[mode].append((at, _median([trial for trial in together if trial.method == method], unit)))
+        for at in sorted(panel):
+            found = median_with_interval(panel[at](mode), unit)
+            lines[mode].append((at, found["median"], found["low"], found["high"]))
     return lines
-
-
-def _by_first_error(trials: Sequence[Trial], in_other_ways: Sequence[Trial], unit: str) -> dict[str, Points]:
-    """Return medians over the swept sequences for each error of the first pose."""
-    swept = {trial.recording for trial in in_other_ways}
-    together = [*in_other_ways, *(trial for trial in trials if trial.recording in swept)]
-    lines: dict[str, Points] = {}
-    for mode in MODES:
-        lines[mode] = []
-        for error in (0.0, *FIRST_ERRORS):
-            method = Way(mode, first_error=error).name
-            lines[mode].append((error, _median([trial for trial in together if trial.method == method], unit)))
-    return lines
-
-
-def _median(trials: Sequence[Trial], unit: str) -> float:
-    errors: Array = np.array([trial.summary[FINALS[f"final_{unit}"]] for trial in trials], np.float64)
-    return float(np.median(errors))

@@ -7,8 +7,10 @@ from palpate_lab.simulate.push_settings import PushSettings
 
 _ANY = PushSettings(
     # "Trajectories are varied as combinations of straight-line and curved pushes."
-    speed=(0.028, 0.055),
     curvature=5.0,
+    speed=(0.038, 0.050),
+    heading=35.0,
+    beside=0.2,
     # "For sticking contact, the contact point pushing velocity must lie inside the motion cone": clean, tacky silicone,
     # one gel and not one for each recording.
     gel_friction=(1.0, 1.6),
@@ -22,12 +24,28 @@ _ANY = PushSettings(
     follows=(0.2, 0.5),
 )
 PUSHES = {
-    "disc": _ANY,
+    "disc": replace(_ANY, speed=(0.028, 0.038)),
     # "Pushing along a corner cause large object rotations about the contact point."
-    "rect": replace(_ANY, speed=(0.057, 0.100), follows=(0.1, 0.3), heading=20.0, beside=0.6),
+    "rect": replace(_ANY, speed=(0.070, 0.100), heading=20.0, beside=0.6, follows=(0.2, 0.4)),
     "ellip": _ANY,
 }
-"""Pushes of each object; each recording "makes and breaks contact typically 2-3 times", as all recordings do."""
+"""Pushes of each object; each recording "makes and breaks contact typically 2-3 times", as all recordings do.
+
+Speeds, and how far a push passes beside the centroid, are such that a constant's loss is that of Table II.
+"""
+AS_IS = "as-is"
+VARIED = {
+    AS_IS: PUSHES["rect"],
+    "held-still": replace(PUSHES["rect"], follows=(0.0, 0.0)),
+    "turning-along": replace(PUSHES["rect"], follows=(0.8, 0.9)),
+    "friction-0.5": replace(PUSHES["rect"], gel_friction=(0.5, 0.5)),
+    "friction-0.25": replace(PUSHES["rect"], gel_friction=(0.25, 0.25)),
+}
+"""Pushes of the rectangle that differ in one thing each: how far the sensor turns with the object, or its friction."""
+BY_TURNING = ("turning-along", AS_IS, "held-still")
+"""Those of VARIED that differ in turning about the contact."""
+BY_SLIP = (AS_IS, "friction-0.5", "friction-0.25")
+"""Those of VARIED that differ in slip of the contact."""
 LEFT_OUT = ("rectangle-corners",)
 """Kinds of contact that are not made: "pushing at both edges and corners for the rect object"."""
 SIDE = Side()

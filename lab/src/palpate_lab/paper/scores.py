@@ -1,6 +1,7 @@
 """Scores of the paper's study: how far pushes turn about the contact, and final errors with bootstrap intervals."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,45 +22,67 @@ ORDER = ("none", "const", "learnt", "oracle")
 """The paper's claim: each has larger final errors than the next."""
 
 
-def loss_of_constant(relative: Array, episode: NDArray[np.int_]) -> float:
-    """Return the loss of Table II of a constant on one sequence: half of the mean square sine of the turn.
+def squares_of_turns(relative: Array, episode: NDArray[np.int_]) -> Array:
+    """Return the square sines of the turns of all pairs of frames of one contact, 10 to 50 apart.
 
-    Over all pairs of frames of one contact, 10 to 50 apart; relative (N, 3) is the sensor's pose in the object frame,
-    episode (N,) numbers the contacts, -1 outside. NaN where there is no pair.
+    relative (N, 3) is the sensor's pose in the object frame, episode (N,) numbers the contacts, -1 outside.
     """
     squares = []
     for back in range(10, 51):
         of_one = (episode[back:] >= 0) & (episode[back:] == episode[:-back])
         squares.append(np.sin(relative[back:, 2] - relative[:-back, 2])[of_one] ** 2)
-    together = np.concatenate(squares)
-    return float(0.5 * together.mean()) if len(together) else float("nan")
+    return np.concatenate(squares)
+
+
+def loss_of_constant(relative: Array, episode: NDArray[np.int_]) -> float:
+    """Return the loss of Table II of a constant on one sequence: half of the mean square sine of the turn.
+
+    NaN where there is no pair.
+    """
+    squares = squares_of_turns(relative, episode)
+    return float(0.5 * squares.mean()) if len(squares) else float("nan")
 
 
 def turning(paths: Sequence[Path]) -> dict[str, dict[str, float]]:
-    """Return, by object, the loss of a constant over sequences, each of which counts the same, and its 95 % interval.
+    """Return, by object, the loss of a constant over all pairs of sequences, and its 95 % interval by sequences.
 
     A constant has nothing to learn, so this takes all sequences and not those for validation alone.
     """
-    by_object: dict[str, list[float]] = {}
+    by_object: dict[str, list[tuple[float, int]]] = {}
     for path in paths:
         recording = load_recording(path)
         relative = se2.between(np.asarray(recording.object_pose), recording.sensor_pose)
-        loss = loss_of_constant(relative, episode_numbers(np.asarray(recording.contact)))
-        by_object.setdefault(path.stem.split("-")[0], []).append(loss)
+        squares = squares_of_turns(relative, episode_numbers(np.asarray(recording.contact)))
+        by_object.setdefault(path.stem.split("-")[0], []).append((float(squares.sum()), len(squares)))
     found = {}
-    for name, losses in by_object.items():
-        known = np.array(losses)[np.isfinite(losses)]
-        drawn = known[_draws(len(known))].mean(axis=1)
+    for name, sums in by_object.items():
+        total, pairs = np.array(sums).T
+        draws = _draws(len(total))
+        drawn = 0.5 * total[draws].sum(axis=1) / np.maximum(pairs[draws].sum(axis=1), 1.0)
         low, high = np.percentile(drawn, (2.5, 97.5)).tolist()
-        found[name] = {"const": float(known.mean()), "low": low, "high": high, "sequences": len(known)}
+        const = float(0.5 * total.sum() / pairs.sum())
+        found[name] = {"const": const, "low": low, "high": high, "sequences": len(total)}
     return found
+
+
+def turn_followed(trials: Sequence[Trial]) -> float:
+    """Return the median over trials of the share of the object's turning, second by second, that the estimate shows.
+
+    By least squares: 1 where it turns as the object does, 0 where it does not know of the turning.
+    """
+    shares = []
+    for trial in trials:
+        each_second = np.searchsorted(trial.time, np.arange(trial.time[0], trial.time[-1], 1.0))
+        true = np.diff(np.unwrap(trial.truth[:, 2])[each_second])
+        estimated = np.diff(np.unwrap(trial.pose[:, 2])[each_second])
+        shares.append(float(estimated @ true / (true @ true)))
+    return float(np.median(shares))
 
 
 def tracking_scores(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str, Any]:
     """Return, by object, for each method: medians of final errors with 95 % intervals, sequences, lost, in 95 %.
 
-    Objects that have all the paper's modes have `in_order` too: the share of bootstrap draws in which the medians of
-    both errors stand in the paper's order.
+    With `turn_followed`, and the share of frames in the regions of 95 %.
     """
     scores: dict[str, Any] = {}
     for name in dict.fromkeys(trial.recording.split("-")[0] for trial in trials):
@@ -67,20 +90,52 @@ def tracking_scores(trials: Sequence[Trial], methods: Sequence[str]) -> dict[str
         scores[name] = {}
         for method in methods:
             scores[name][method] = _scores([trial for trial in of_object if trial.method == method])
-        if set(ORDER) <= set(methods):
-            scores[name]["in_order"] = _share_in_order(of_object)
     return scores
 
 
+def median_with_interval(trials: Sequence[Trial], unit: str) -> dict[str, float]:
+    """Return the median of final errors, in mm or deg, and its 95 % interval by a bootstrap of sequences."""
+    errors = _finals(trials)[unit]
+    low, high = np.percentile(np.median(errors[_draws(len(errors))], axis=1), (2.5, 97.5)).tolist()
+    return {"median": float(np.median(errors)), "low": low, "high": high}
+
+
+def order_scores(trials: Sequence[Trial]) -> dict[str, dict[str, dict[str, float]]]:
+    """Return, by object, the share of bootstrap draws in which the medians of each error stand in the paper's order.
+
+    Of all four modes together, "in order", and of each and the next, such as "none > const".
+    """
+    found = {}
+    for name in dict.fromkeys(trial.recording.split("-")[0] for trial in trials):
+        of_object = [trial for trial in trials if trial.recording.startswith(name)]
+        shares = {"in order": share_in_order(of_object)}
+        for larger, smaller in pairwise(ORDER):
+            shares[f"{larger} > {smaller}"] = share_in_order(of_object, (larger, smaller))
+        found[name] = shares
+    return found
+
+
+def share_in_order(trials: Sequence[Trial], order: Sequence[str] = ORDER) -> dict[str, float]:
+    """Return the share of draws of sequences in which the medians are in order, of both errors."""
+    by_mode = [_finals([trial for trial in trials if trial.method == mode]) for mode in order]
+    shares = {}
+    for unit in ("mm", "deg"):
+        draws = _draws(len(by_mode[0][unit]))
+        medians = [np.median(finals[unit][draws], axis=1) for finals in by_mode]
+        in_order = np.ones(len(draws), np.bool_)
+        for larger, smaller, mode in zip(medians, medians[1:], order[1:], strict=False):
+            in_order &= (larger >= smaller) if mode == ORDER[-1] else (larger > smaller)
+        shares[unit] = float(in_order.mean())
+    return shares
+
+
 def _scores(trials: Sequence[Trial]) -> dict[str, Any]:
-    row: dict[str, Any] = {}
-    for unit, errors in _finals(trials).items():
-        low, high = np.percentile(np.median(errors[_draws(len(errors))], axis=1), (2.5, 97.5)).tolist()
-        row[unit] = {"median": float(np.median(errors)), "low": low, "high": high}
+    row: dict[str, Any] = {unit: median_with_interval(trials, unit) for unit in ("mm", "deg")}
     counted = np.concatenate([trial.nees[since_contact(trial.contact, trial.nees)] for trial in trials])
     row["sequences"] = len(trials)
     row["lost"] = sum(map(is_lost, trials))
     row["in_95_share"] = float(np.mean(inside_95(counted)))
+    row["turn_followed"] = turn_followed(trials)
     return row
 
 
@@ -89,18 +144,6 @@ def _finals(trials: Sequence[Trial]) -> dict[str, Array]:
         unit: np.array([trial.summary[FINALS[f"final_{unit}"]] for trial in trials], np.float64)
         for unit in ("mm", "deg")
     }
-
-
-def _share_in_order(trials: Sequence[Trial]) -> dict[str, float]:
-    """Return the share of draws of sequences in which the medians are in order, of both errors."""
-    by_mode = [_finals([trial for trial in trials if trial.method == mode]) for mode in ORDER]
-    shares = {}
-    for unit in ("mm", "deg"):
-        draws = _draws(len(by_mode[0][unit]))
-        medians = [np.median(finals[unit][draws], axis=1) for finals in by_mode]
-        in_order = (medians[0] > medians[1]) & (medians[1] > medians[2]) & (medians[2] >= medians[3])
-        shares[unit] = float(in_order.mean())
-    return shares
 
 
 def _draws(count: int) -> Any:

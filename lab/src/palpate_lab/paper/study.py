@@ -24,15 +24,16 @@ from palpate.types.sensor import DIGIT
 from palpate_lab.paper import figures
 from palpate_lab.paper.features import keypoints_of, learn_keypoints, learn_turns, load_features, started
 from palpate_lab.paper.graph import physics_errors, physics_noise
-from palpate_lab.paper.helps import Panel, panels_of, traits
+from palpate_lab.paper.helps import Panel, level_of, panels_of, traits
 from palpate_lab.paper.images import Images, draw_pairs, joined, read_images, turn_between
 from palpate_lab.paper.published import TABLE2
-from palpate_lab.paper.pushes import LEFT_OUT, PUSHES, SIDE
-from palpate_lab.paper.scores import tracking_scores, turning
+from palpate_lab.paper.pushes import AS_IS, LEFT_OUT, PUSHES, SIDE, VARIED
+from palpate_lab.paper.scores import order_scores, tracking_scores, turning
 from palpate_lab.paper.touch import deviations_of, write_turns
 from palpate_lab.paper.tracking import FRICTION_FACTORS, MODES, WAYS, physics_key, pushed, tracked
 from palpate_lab.paper.transform_network import Pairs, fit_all, fit_linear, validation_loss
 from palpate_lab.parallel import spread
+from palpate_lab.simulate.push_settings import PushSettings
 from palpate_lab.simulate.recordings import Simulation, fill_folder, plan
 from palpate_lab.study.recordings import find_recordings
 from palpate_lab.study.study import StudySettings, Trial, run_study
@@ -48,22 +49,26 @@ SHAPES = {"disc": "disc", "rect": "rectangle", "ellip": "ellipse"}
 class PaperSettings:
     """Size of the study."""
 
-    train: int = 12
-    """Sequences of each object to learn from, a third of them for validation."""
+    train: int = 10
+    """Sequences of each object to learn from, half of them for validation."""
     rectangles: int = 30
     """Sequences of the rectangle to track; the paper has 50 of each object."""
-    others: int = 3
+    others: int = 5
     """Sequences of the disc, and of the ellipse, to track."""
-    swept: int = 4
-    """Sequences of the rectangle that are tracked with other friction radii and first poses as well."""
-    seconds: float = 8.0
-    """Length of a training sequence [s]."""
+    swept: int = 6
+    """Sequences of the rectangle for each setting of "when touch helps"."""
+    seconds: float = 15.0
+    """Length of the sequences to learn from, and of those to track [s]."""
+    swept_seconds: float = 8.0
+    """Length of those of "when touch helps" [s]."""
     steps: int = 80
     """Steps of the auto-encoder's descent."""
     turn_steps: int = 240
     """Steps of the encoder's descent by the loss of the transform prediction."""
     pairs: int = 20_000
     """Pairs that the transform networks are fitted to, and as many to validate."""
+    nonlinear_steps: int = 3000
+    """Steps of the descent of each non-linear transform network."""
     limit_surface: float = 1.0
     """Factor on the authors' friction radii c (Eq. 7), `graph.FRICTION_RADIUS`."""
     features: str = ""
@@ -73,11 +78,22 @@ class PaperSettings:
 
 
 FULL = PaperSettings(
-    train=40, rectangles=50, others=50, swept=50, seconds=15.0, steps=2000, turn_steps=2000, pairs=100_000
+    train=40, rectangles=50, others=50, swept=50, swept_seconds=15.0, steps=2000, turn_steps=2000, pairs=100_000
 )
 """As many sequences as the paper has."""
-SMALL = PaperSettings(train=3, rectangles=2, others=1, swept=1, seconds=5.0, steps=40, turn_steps=40, pairs=2000)
-"""Enough to see every part and figure."""
+SMALL = PaperSettings(
+    train=4,
+    rectangles=2,
+    others=1,
+    swept=1,
+    seconds=5.0,
+    swept_seconds=5.0,
+    steps=20,
+    turn_steps=60,
+    pairs=2000,
+    nonlinear_steps=200,
+)
+"""Enough to see every part and figure; of four pushes of the rectangle, edges and corners both train and validate."""
 
 
 def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: str | None = None) -> dict[str, Any]:
@@ -90,20 +106,26 @@ def run(out: Path, settings: PaperSettings, bar: Bar, workers: int = 1, dask: st
     if not (out / "models.json").exists():
         _learn(out, settings, bar, workers, dask)
     files = find_recordings(out / "test")
-    _feel(out, settings, files, bar, workers, dask)
-    rectangles = [name for name in files if name.startswith("rect")]
-    swept = {name: files[name] for name in rectangles[: settings.swept]}
-    trials = _track(out, "tracks", files, MODES, bar, workers, dask)
+    varied = {name: path for name, path in files.items() if level_of(name)}
+    _feel(out, settings, list(files.values()), bar, workers, dask)
+    tracked_trials = _track(out, "tracks", files, MODES, bar, workers, dask)
+    trials = [trial for trial in tracked_trials if trial.recording not in varied]
+    varied_trials = [trial for trial in tracked_trials if trial.recording in varied]
     others = tuple(name for name in WAYS if name not in MODES)
-    in_other_ways = _track(out, "sweep", swept, others, bar, workers, dask)
+    as_is = {name: path for name, path in varied.items() if level_of(name) == AS_IS}
+    in_other_ways = _track(out, "sweep", as_is, others, bar, workers, dask)
     models = read_json(out / "models.json")
-    panels = panels_of(trials, in_other_ways, {name: traits(path) for name, path in files.items()})
+    of_level = _traits_by_level(varied)
+    panels = panels_of(varied_trials, in_other_ways, of_level)
+    files = {name: path for name, path in files.items() if name not in varied}
     results = {
         "published_table2": TABLE2,
         "table2": models["table2"],
-        "pushes": turning([path for part in ("train", "test") for path in find_recordings(out / part).values()]),
+        "pushes": turning([*find_recordings(out / "train").values(), *files.values()]),
         "tracking": tracking_scores(trials, MODES),
+        "order": order_scores(trials),
         "sweep": tracking_scores(in_other_ways, others)["rect"],
+        "varied": {level: found | _scores_at(varied_trials, level) for level, found in of_level.items()},
         "when_touch_helps": panels,
         **{key: models[key] for key in ("deviations", "physics", "held_out_loss")},
         "settings": asdict(settings),
@@ -148,17 +170,41 @@ def _check_settings(out: Path, settings: PaperSettings) -> None:
 
 def _simulate(out: Path, settings: PaperSettings, bar: Bar, workers: int, dask: str | None) -> None:
     """Simulate the sequences to learn from and those to track, all with one sensor, as the paper has one DIGIT."""
-    tracked_counts = {"disc": settings.others, "rect": settings.rectangles, "ellip": settings.others}
-    for part, counts, seconds, seed in (
-        ("train", dict.fromkeys(SHAPES, settings.train), settings.seconds, 2 * settings.seed + 1),
-        ("test", tracked_counts, 15.0, 2 * settings.seed + 2),
-    ):
-        simulations: dict[str, Simulation] = {}
-        for name, outline in SHAPES.items():
-            options = {"ideal": True, "unit": settings.seed, "pushes": PUSHES[name], "side": SIDE, "seconds": seconds}
-            simulations |= plan({name: load_shape(outline)}, counts[name], seed, LEFT_OUT, **options)
+    parts: dict[str, dict[str, Simulation]] = {"train": {}, "test": {}}
+    counts = {"disc": settings.others, "rect": settings.rectangles, "ellip": settings.others}
+    for name, pushes in PUSHES.items():
+        parts["train"] |= _plan(name, pushes, settings.train, settings.seconds, settings, 1)
+        parts["test"] |= _plan(name, pushes, counts[name], settings.seconds, settings, 2)
+    for level, pushes in VARIED.items():
+        planned = _plan("rect", pushes, settings.swept, settings.swept_seconds, settings, 3)
+        parts["test"] |= {f"{file.removesuffix('.mcap')}@{level}.mcap": each for file, each in planned.items()}
+    for part, simulations in parts.items():
         with bar(f"simulating, {part}", len(simulations)) as progress:
             fill_folder(out / part, simulations, workers=workers, dask=dask, resume=True, progress=progress)
+
+
+def _plan(
+    name: str, pushes: PushSettings, count: int, seconds: float, settings: PaperSettings, part: int
+) -> dict[str, Simulation]:
+    """Return sequences of one object, by file name; `part` is 1 to 3."""
+    options = {"ideal": True, "unit": settings.seed, "pushes": pushes, "side": SIDE, "seconds": seconds}
+    return plan({name: load_shape(SHAPES[name])}, count, 3 * settings.seed + part, LEFT_OUT, **options)
+
+
+def _traits_by_level(varied: Mapping[str, Path]) -> dict[str, dict[str, float]]:
+    """Return the medians of turning [deg] and slip [mm] over the pushes of each setting, and their number."""
+    found: dict[str, dict[str, float]] = {}
+    for level in VARIED:
+        each = [traits(path) for name, path in varied.items() if level_of(name) == level]
+        found[level] = {trait: float(np.nanmedian([of_push[trait] for of_push in each])) for trait in each[0]}
+        found[level]["pushes"] = len(each)
+    return found
+
+
+def _scores_at(trials: Sequence[Trial], level: str) -> dict[str, Any]:
+    """Return the scores of the pushes of one setting."""
+    at_level = [trial for trial in trials if level_of(trial.recording) == level]
+    return {"tracking": tracking_scores(at_level, MODES)["rect"], "order": order_scores(at_level)["rect"]}
 
 
 def _track(
@@ -255,10 +301,10 @@ def _split(parts: Mapping[str, Images]) -> tuple[dict[str, Images], dict[str, Im
     for_training: dict[str, Images] = {}
     validation: dict[str, Images] = {}
     for name in SHAPES:
-        # Every third recording of an object validates; its kinds of contact follow each other by name.
+        # Every second recording of an object validates; its kinds of contact follow each other by name.
         of_object = [parts[recording] for recording in sorted(parts) if recording.startswith(name)]
-        for_training[name] = joined([images for k, images in enumerate(of_object) if k % 3 != 2])
-        validation[name] = joined(of_object[2::3])
+        for_training[name] = joined(of_object[0::2])
+        validation[name] = joined(of_object[1::2])
     for split in (for_training, validation):
         split["combined"] = joined([split[name] for name in SHAPES])
     return for_training, validation
@@ -277,7 +323,7 @@ def _fit_transforms(
     with bar("transform networks", len(for_training)) as progress:
         for done, name in enumerate(for_training, 1):
             engineered, learnt, sine = _pairs(network, for_training[name], settings.pairs, settings.seed)
-            models = fit_all(engineered, learnt, sine, settings.seed)
+            models = fit_all(engineered, learnt, sine, settings.seed, settings.nonlinear_steps)
             weights = fit_linear(learnt, sine)  # the last are of all objects
             engineered, learnt, sine = _pairs(network, validation[name], settings.pairs, settings.seed + 1)
             for model, (features, predict) in models.items():
@@ -320,12 +366,10 @@ def _pairs(network: nn.Module, images: Images, count: int, seed: int) -> tuple[P
     return (ellipse[earlier], ellipse[later], class_vector), (points[earlier], points[later], class_vector), sine
 
 
-def _feel(
-    out: Path, settings: PaperSettings, files: Mapping[str, Path], bar: Bar, workers: int, dask: str | None
-) -> None:
+def _feel(out: Path, settings: PaperSettings, files: Sequence[Path], bar: Bar, workers: int, dask: str | None) -> None:
     """Write what touch measures in each sequence to track."""
     (out / "touch").mkdir(exist_ok=True)
-    missing = [path for path in files.values() if not (out / "touch" / f"{path.stem}.npz").exists()]
+    missing = [path for path in files if not (out / "touch" / f"{path.stem}.npz").exists()]
     with bar("touch", len(missing)) as progress:
         felt = spread(partial(_felt, out=out.resolve(), settings=settings), missing, workers, dask)
         for done, _ in enumerate(felt, 1):

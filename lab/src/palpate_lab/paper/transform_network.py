@@ -45,7 +45,7 @@ def fit_linear(pairs: Pairs, sine: Array) -> Array:
     return np.linalg.solve(square + ridge, inputs.T @ np.concatenate([sine, -sine]) / len(inputs))
 
 
-def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
+def fit_nonlinear(pairs: Pairs, sine: Array, seed: int, steps: int) -> Predict:
     """Train the non-linear network: one hidden layer with ReLU, over both orders."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
@@ -55,7 +55,7 @@ def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
     wanted = torch.from_numpy(np.concatenate([sine, -sine]).astype(np.float32))
     network = nn.Sequential(nn.Linear(inputs.shape[1], 32), nn.ReLU(), nn.Linear(32, 1))
     optimiser = torch.optim.Adam(network.parameters(), lr=1e-3)
-    for _ in range(3000):
+    for _ in range(steps):
         chosen = torch.from_numpy(rng.integers(len(inputs), size=256))
         loss = nn.functional.mse_loss(network(inputs[chosen])[:, 0], wanted[chosen])
         optimiser.zero_grad()
@@ -69,7 +69,7 @@ def fit_nonlinear(pairs: Pairs, sine: Array, seed: int) -> Predict:
     return predict
 
 
-def fit_all(engineered: Pairs, learnt: Pairs, sine: Array, seed: int) -> dict[str, tuple[str, Predict]]:
+def fit_all(engineered: Pairs, learnt: Pairs, sine: Array, seed: int, steps: int) -> dict[str, tuple[str, Predict]]:
     """Return the five models of Table II by name, each with the features that it takes, and one without class label."""
     weights = {"engineered": fit_linear(engineered, sine), "learnt": fit_linear(learnt, sine)}
     without = fit_linear(without_class(learnt), sine)
@@ -78,8 +78,8 @@ def fit_all(engineered: Pairs, learnt: Pairs, sine: Array, seed: int) -> dict[st
         "linear eng-feat": ("engineered", lambda pairs: expanded(pairs) @ weights["engineered"]),
         "linear learnt-feat": ("learnt", lambda pairs: expanded(pairs) @ weights["learnt"]),
         "linear learnt-feat, no class": ("learnt", lambda pairs: expanded(without_class(pairs)) @ without),
-        "nonlinear eng-feat": ("engineered", fit_nonlinear(engineered, sine, seed)),
-        "nonlinear learnt-feat": ("learnt", fit_nonlinear(learnt, sine, seed)),
+        "nonlinear eng-feat": ("engineered", fit_nonlinear(engineered, sine, seed, steps)),
+        "nonlinear learnt-feat": ("learnt", fit_nonlinear(learnt, sine, seed, steps)),
     }
 
 
