@@ -1,35 +1,41 @@
 """Measure what touch reads on units of every kind after few presses: docs/study/units.json.
 
     python scripts/measure_units.py [SEED] [--taxim FOLDER]
+    python scripts/measure_units.py [SEED] --pushes    # which it adds to the file
 
 24 drawn units, half of them GelSight Minis and half DIGITs, differ from the usual ones in lights, pitch, radius, dots,
 dirt and camera (`palpate_lab.simulate.any_unit`). Each is read as it is, and after `palpate calibrate --presses` on 3,
 5 and 10 balls; scores are of other presses: balls, and sides and corners of objects. Real presses are those of
 ../shared/data and, if FOLDER is the folder `taxim/calib` of the wheel taxim 1.4.1, its own; their images are no part of
-the repository. Errors are of places [mm] on flat pads and of directions [degrees] on domes.
+the repository. Errors are of places [mm] on flat pads and of directions [degrees] on domes. Pushes are of objects by
+DIGITs with one fault each, calibrated on five presses.
 """
 
 import argparse
 import csv
+import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import DATA, write
+from _common import DATA, STUDY, write
+from _common import scores as scores_of_run
 from numpy.typing import NDArray
 
-from palpate import DIGIT, GELSIGHT_MINI, Calibration, PalpateError, SensorProfile
+from palpate import DIGIT, GELSIGHT_MINI, Calibration, PalpateError, SensorProfile, TrackerSettings
 from palpate.arrays import Image
 from palpate.geometry import se2
 from palpate.geometry.shapes import SHAPES
+from palpate.pipeline.track import track
 from palpate.touch.background import background_of
 from palpate.touch.one_image import ImageReader
 from palpate.touch.press_calibration import Presses, learn_from_presses
 from palpate.touch.touch_model import shipped_model
-from palpate.types.images import read_image
-from palpate_lab.simulate.any_unit import draw_faults, through_camera, with_faults
+from palpate.types.images import CameraView, read_image
+from palpate_lab.simulate.any_unit import Faults, draw_faults, through_camera, with_faults
 from palpate_lab.simulate.gel import ball_overlap, render, touch_image
+from palpate_lab.simulate.recordings import Simulation, plan
 from palpate_lab.simulate.unit import SensorUnit
 from palpate_lab.train.scores import coverage
 
@@ -37,8 +43,21 @@ Array = NDArray[np.float64]
 COUNTS = (0, 3, 5, 10)
 """Presses to calibrate on; fewer than three are refused."""
 UNITS = 24
-BALLS = 20
-SIDES = 20
+KINDS = {
+    "dead LED": Faults(has_dead_light=True),
+    "dots": Faults(has_dots=True),
+    "half the view": Faults(pitch=0.64),
+    "turned": Faults(view=CameraView(2)),
+    "mirrored": Faults(view=CameraView(0, True)),
+}
+"""Kinds of DIGITs that push objects; half the view is half the pad."""
+PUSHES = 12
+SECONDS = 6.0
+"""Length of a recording of pushes [s]."""
+WANTED_MM = 3.0
+"""Final error of a push that is wanted at most."""
+BALLS = 12
+SIDES = 12
 """Presses of a drawn unit that are read, with BALLS: sides and corners of objects."""
 
 
@@ -67,7 +86,45 @@ def main(seed: int, taxim: Path | None) -> None:
     flat = [unit for unit in drawn if unit["sensor"] == GELSIGHT_MINI.name]
     domes = [unit for unit in drawn if unit["sensor"] == DIGIT.name]
     pooled_scores = {name: pooled(units) for name, units in (("flat", flat), ("domes", domes))}
-    write("units" if seed == 20261501 else f"../../../../tmp/units_{seed}", {"seed": seed, "pooled": pooled_scores, "real": real, "drawn": drawn})
+    write("units", {"seed": seed, "pooled": pooled_scores, "real": real, "drawn": drawn})
+
+
+def add_pushes(seed: int) -> None:
+    """Measure pushes and write them to the same file."""
+    found = json.loads((STUDY / "units.json").read_text())
+    write("units", {**found, "pushes": {kind: pushes_of(kind, seed) for kind in KINDS}})
+
+
+def pushes_of(kind: str, seed: int) -> dict[str, Any]:
+    """Return the scores of pushes of objects with DIGITs of one kind, each calibrated on five presses."""
+    faults = KINDS[kind]
+    plans = list(plan(SHAPES, -(-PUSHES // len(SHAPES)), seed, seconds=SECONDS, faults=faults).values())[:PUSHES]
+    found = [pushed(replace(each, unit=seed + number), faults) for number, each in enumerate(plans)]
+    tracked = [each for each in found if "refused" not in each]
+    return {
+        "pushes": len(found),
+        "refused": [each["refused"] for each in found if "refused" in each],
+        "final_mm": [each["final_mm"] for each in tracked],
+        "final_mm_median": float(np.median([each["final_mm"] for each in tracked])),
+        "final_mm_worst": max(each["final_mm"] for each in tracked),
+        "within_3_mm": sum(each["final_mm"] <= WANTED_MM for each in tracked),
+        "in_95_contact": float(np.mean([each["inside_contact"] for each in tracked])),
+        "silent": float(np.mean([each["silent"] for each in tracked])),
+    }
+
+
+def pushed(simulation: Simulation, faults: Faults) -> dict[str, Any]:
+    """Return the scores of one push with a unit that is calibrated on five presses, or the refusal."""
+    assert simulation.unit is not None
+    camera = through_camera(faults)
+    rng = np.random.default_rng(simulation.unit)
+    pressed = drawn_presses(with_faults(DIGIT, simulation.unit, faults), rng, others=False)
+    pressed = replace(pressed, images=list(map(camera, pressed.images)), untouched=camera(pressed.untouched))
+    try:
+        calibration, _ = calibrated_on(pressed, 5)
+        return scores_of_run(track(simulation.run(), TrackerSettings("learnt"), calibration=calibration).summary)
+    except PalpateError as error:
+        return {"refused": str(error)}
 
 
 def of_drawn_unit(seed: int, number: int) -> dict[str, Any]:
@@ -86,15 +143,15 @@ def of_drawn_unit(seed: int, number: int) -> dict[str, Any]:
     return {"sensor": profile.name, "faults": {**asdict(faults), "view": str(faults.view)}, "scores": found}
 
 
-def drawn_presses(unit: SensorUnit, rng: np.random.Generator) -> Pressed:
-    """Return presses of a drawn unit, as it is seen without its camera."""
+def drawn_presses(unit: SensorUnit, rng: np.random.Generator, others: bool = True) -> Pressed:
+    """Return presses of a drawn unit, as it is seen without its camera: those to calibrate on, and others."""
     shown = 0.5 * unit.pitch * unit.no_contact.shape[1]
     reach = 0.75 * min(shown, 0.9 * unit.half_width)
     most = COUNTS[-1]
-    along = np.concatenate([np.linspace(-reach, reach, most), rng.uniform(-reach, reach, BALLS)])
+    along = np.concatenate([np.linspace(-reach, reach, most), rng.uniform(-reach, reach, BALLS * others)])
     images = [pressed_ball(unit, float(y), rng) for y in along]
-    angles = rng.uniform(-1.0, 1.0, SIDES) * (0.0 if unit.flat_width else np.arcsin(reach / unit.radius))
-    corners = rng.uniform(-0.6 * reach, 0.6 * reach, SIDES)
+    angles = rng.uniform(-1.0, 1.0, SIDES * others) * (0.0 if unit.flat_width else np.arcsin(reach / unit.radius))
+    corners = rng.uniform(-0.6 * reach, 0.6 * reach, SIDES * others)
     images += [pressed_side(unit, float(angle), float(y), rng) for angle, y in zip(angles, corners, strict=True)]
     if unit.flat_width:
         true = np.concatenate([along, corners])
@@ -191,7 +248,7 @@ def scored(pressed: Pressed, calibration: Calibration, chosen: NDArray[np.int_])
 
 
 def told_of(reader: ImageReader, image: Image) -> tuple[float, float] | None:
-    """Return the place [m] or direction [rad] that an image shows, and its sigma; None if it is refused or untouched."""
+    """Return the place [m] or direction [rad] that an image shows, and its sigma; None if refused or untouched."""
     try:
         reading = reader.read(image)
     except PalpateError:
@@ -294,5 +351,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("seed", nargs="?", type=int, default=20261501)
     parser.add_argument("--taxim", type=Path)
+    parser.add_argument("--pushes", action="store_true")
     arguments = parser.parse_args()
-    main(arguments.seed, arguments.taxim)
+    if arguments.pushes:
+        add_pushes(arguments.seed)
+    else:
+        main(arguments.seed, arguments.taxim)
