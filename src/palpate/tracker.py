@@ -20,9 +20,10 @@ from palpate.input.checked_frame import CheckedFrame
 from palpate.input.frame_values import checked_measurements, with_checked_values
 from palpate.input.input_gate import InputGate
 from palpate.input.sensor_correction import SensorCorrection
+from palpate.input.turned_frame import FrameTurnMonitor
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import contact_model
-from palpate.status import Evidence, decide
+from palpate.status import MIRRORED, Evidence, decide, turn_words
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch, TouchReader
@@ -88,6 +89,9 @@ class Tracker:
             compiled=graph,
         )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
+        self._outline = (shape, sensor)
+        self._is_mirrored_told = False
+        self._begin_turn()
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.
@@ -100,6 +104,11 @@ class Tracker:
         self._gate.reset()
         self._correction.reset()
         self._filter.begin(self._first.pose, self._first.covariance)
+        self._begin_turn()
+
+    def _begin_turn(self) -> None:
+        """Look at the first contact for a sensor frame that is turned."""
+        self._turn = FrameTurnMonitor(*self._outline, self._first.pose, self._first.covariance)
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.
@@ -115,7 +124,9 @@ class Tracker:
             self._touch.end_contact()
             self._filter.end_contact(checked.unobserved_push)
         measured = self._measure(checked)
+        self._look_for_turn(checked, measured)
         posterior = self._filter.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
+        self._warn_if_mirrored(checked.frame.time)
         self._accept(checked, measured)
         return self._estimate(checked, posterior)
 
@@ -173,6 +184,22 @@ class Tracker:
         measured = self._touch.read(frame, checked.background, checked.light)
         return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
 
+    def _look_for_turn(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
+        """Compare the first touches with the outline, and warn once if the sensor's frame is turned."""
+        if not self._touch.reads_images:
+            return
+        was_found = self._turn.found is not None
+        self._turn.see(checked.frame, measured)
+        if self._turn.found is not None and not was_found:
+            logger.warning("frame at %.3f s: %s", checked.frame.time, turn_words(self._turn.found))
+
+    def _warn_if_mirrored(self, time: float) -> None:
+        """Warn once if images are taken as mirrored, unless the sensor's frame is turned, which looks like it."""
+        if self._filter.is_mirrored and not self._is_mirrored_told and not self._turn.is_open:
+            self._is_mirrored_told = True
+            if self._turn.found is None:
+                logger.warning("frame at %.3f s: %s", time, MIRRORED)
+
     def _accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
         """Make a frame the last one, now that it was used."""
         self._gate.accept(checked, measured)
@@ -180,7 +207,7 @@ class Tracker:
 
     def _estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
-        stream = replace(checked.evidence, sunk=self._touch.sunk)
+        stream = replace(checked.evidence, sunk=self._touch.sunk, turn=self._turn.found)
         verdict = decide(Evidence(posterior.evidence, stream))
         estimate = posterior.estimate(checked.frame.time, verdict)
         return self._correction.at_frame_time(estimate, checked.corrected)

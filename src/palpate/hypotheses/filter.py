@@ -43,7 +43,6 @@ from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.window import ContactWindow
-from palpate.status import MIRRORED
 from palpate.types.estimate import Clearance
 from palpate.types.measurements import ContactDirection, Frame, Measurement, ObjectPose
 
@@ -354,8 +353,6 @@ class MultiHypothesisFilter:
         self.is_mirrored = is_mirrored
         bank.take(takes_images_as(bank.rows, is_mirrored))
         bank.rows = replace(bank.rows, weight=bank.rows.weight / bank.rows.weight.sum())
-        if is_mirrored:
-            logger.warning("frame at %.3f s: %s", self._times[-1], MIRRORED)
 
 
 def _is_read_from_touch(step: Step) -> bool:
