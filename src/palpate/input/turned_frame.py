@@ -101,26 +101,29 @@ class FrameTurnMonitor:
 
     def _fits(self, sensor_pose: Array, direction: float, tolerance: float) -> bool:
         """Return True if a direction [rad] agrees with the outline at enough of the poses that the object may have."""
-        fits: Flags = np.abs(self._disagreement(sensor_pose, direction)) < tolerance
+        fits: Flags = np.abs(self._disagreement(sensor_pose, direction, self._sensor.centers)) < tolerance
         return float(fits.mean()) >= _LIMITS.share
 
     def _agreeing(self, sensor_pose: Array, direction: float) -> float | None:
         """Return the turn [rad] with which a direction [rad] agrees with the outline; None if it is not known well."""
-        turn = np.zeros(_LIMITS.samples)
+        # The apex is where it is, however the frame is turned about it; the centre of curvature moves.
+        turn = self._disagreement(sensor_pose, direction, np.array(self._sensor.tips))
         for _ in range(_LIMITS.iterations):
             turned = sensor_pose + turn[:, None] * np.array((0.0, 0.0, 1.0))
-            # Not all the way at once: the gel's centre moves as the frame turns about its apex.
-            turn = se2.wrap(turn + 0.7 * self._disagreement(turned, direction))
+            turn = se2.wrap(turn + 0.7 * self._disagreement(turned, direction, self._sensor.centers))
         mean = float(np.angle(np.exp(1j * turn).mean()))
         spread = float(np.sqrt(np.square(se2.wrap(turn - mean)).mean()))
         return mean if spread < _LIMITS.widest else None
 
-    def _disagreement(self, sensor_pose: Array, direction: float) -> Array:
-        """Return the angle [rad] from a direction to the outline's normal at the gel, for each pose of the object."""
+    def _disagreement(self, sensor_pose: Array, direction: float, point: Array) -> Array:
+        """Return the angle [rad] from a direction to the outline's normal next to a point (1, 2) [m] of the sensor.
+
+        There is one for each pose of the object.
+        """
         object_T_sensor = se2.between(self._objects, np.broadcast_to(sensor_pose, self._objects.shape))
-        center = se2.transform(object_T_sensor[:, None], self._sensor.centers)[:, 0]
+        place = se2.transform(object_T_sensor[:, None], point)[:, 0]
         step = 1e-4  # [m]
         shifts = step * np.array(((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)))
-        distance = self._shape.signed_distance(center + shifts[:, None])
+        distance = self._shape.signed_distance(place + shifts[:, None])
         inward = np.arctan2(distance[3] - distance[2], distance[1] - distance[0])
         return se2.wrap(inward - object_T_sensor[:, 2] - direction)
