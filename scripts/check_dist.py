@@ -20,7 +20,6 @@ ROOT = Path(__file__).parents[1]
 SIZES = ROOT / "docs/study/install.json"
 PURPOSES = {
     "llvmlite, numba": "compile the solver where palpate came without machine code",
-    "opencv-python-headless": "marks on the gel in each image, conversion of images, cameras and videos",
     "scipy": "rotations in space, and the fits of calibrations",
     "onnxruntime, flatbuffers, protobuf, packaging": "the touch models; Protobuf also reads recordings of Foxglove",
     "matplotlib, fonttools, kiwisolver, contourpy, pyparsing, cycler, python-dateutil, six": "the figure of a run",

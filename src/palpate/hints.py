@@ -4,10 +4,14 @@ import json
 import shlex
 import shutil
 import sys
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlparse
 from urllib.request import url2pathname
+
+from palpate.errors import SettingError
 
 LABORATORY = "palpate-lab"
 
@@ -35,6 +39,14 @@ def install_command(extras: str = "", name: str = "palpate") -> str:
     if extras:
         requirement += f"[{extras}]"
     return f"{_pip()} install '{requirement}'"
+
+
+def library(module: str, extra: str, needed_by: str) -> Any:
+    """Return a module that an extra of palpate brings. Raises SettingError, with the command that installs it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise SettingError(f"{needed_by} needs {error.name or module}: {install_command(extra)}") from error
 
 
 def reinstall_command(*names: str, requirement: str) -> str:

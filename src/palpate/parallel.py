@@ -11,8 +11,6 @@ from contextlib import contextmanager
 from multiprocessing import connection
 from typing import TypeVar
 
-import cv2
-
 from palpate.errors import SettingError
 
 Item = TypeVar("Item")
@@ -40,7 +38,7 @@ def processes(workers: int) -> Iterator[Executor]:
     # A forked worker takes no modules from the working folder. Torch's threads do not outlive a fork.
     method = "fork" if sys.platform == "linux" and "torch" not in sys.modules else "spawn"
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # for those that are not forked
-    cv2.setNumThreads(1)  # nor do OpenCV's, for which a forked worker would wait for ever
+    _keep_opencv_to_one_thread()  # a forked worker would wait for its threads for ever
     try:
         with ProcessPoolExecutor(workers, multiprocessing.get_context(method), _begin_worker) as pool:
             try:
@@ -59,8 +57,15 @@ def worker_died() -> SettingError:
 
 
 def _alone(function: Callable[[Item], Result], item: Item) -> Result:
-    cv2.setNumThreads(1)  # many processes would fight for cores
+    _keep_opencv_to_one_thread()  # many processes would fight for cores
     return function(item)
+
+
+def _keep_opencv_to_one_thread() -> None:
+    """Keep OpenCV, where it is loaded, to one thread."""
+    library = sys.modules.get("cv2")
+    if library is not None:
+        library.setNumThreads(1)
 
 
 def _begin_worker() -> None:

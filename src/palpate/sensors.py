@@ -1,5 +1,6 @@
 """The sensors of a tracker: one, or the fingers of a hand. Each takes a frame through input, touch and the estimate."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -7,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.arrays import Array
 from palpate.config import NoiseSettings, Priors, TactileChoice, TrackerSettings
 from palpate.errors import SettingError
 from palpate.estimation.compiled_model import CompiledModel
@@ -19,11 +21,12 @@ from palpate.input.hand_gate import CheckedHand, HandGate
 from palpate.input.hand_values import check_one_sensor
 from palpate.input.input_gate import InputGate
 from palpate.input.sensor_correction import SensorCorrection, moved_on
+from palpate.input.turned_frame import FrameTurnMonitor
 from palpate.models.pushing.compiled import PUSHING, hand_pushing
 from palpate.models.pushing.contact_geometry import ContactModel, contact_model, hand_contact_model
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Fingers, OfFinger
-from palpate.status import Evidence, InputEvidence, decide
+from palpate.status import MIRRORED, Evidence, InputEvidence, decide, turn_words
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch, TouchReader
@@ -33,6 +36,8 @@ from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import Frame, Measurement
 from palpate.types.sensor import SensorProfile
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +75,10 @@ class Sensors(Protocol):
     @property
     def backgrounds(self) -> dict[str, Background]:
         """Copies of the untouched gels that are known, by finger; "" is one sensor."""
+        ...
+
+    def begin(self, pose: Array, covariance: Array) -> None:
+        """Take the object's first pose (3,) and its covariance (3, 3)."""
         ...
 
     def reset(self) -> None:
@@ -124,6 +133,12 @@ class OneSensor:
         may_be_mirrored = not (is_view_known or self._is_touch_given)
         self.for_filter = ForFilter(contact_model(shape, sensor), noise, graph, may_be_mirrored)
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
+        self._outline = (shape, sensor)
+
+    def begin(self, pose: Array, covariance: Array) -> None:
+        """Take the object's first pose: the first contact tells if the sensor's frame is turned."""
+        self._turn = FrameTurnMonitor(*self._outline, pose, covariance)
+        self._is_mirrored_told = False
 
     @property
     def last(self) -> Frame | None:
@@ -177,11 +192,30 @@ class OneSensor:
         measured = self._touch.read(frame, checked.background, checked.light)
         return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
 
+    def _look_for_turn(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
+        """Compare the first touches with the outline, and warn once if the sensor's frame is turned."""
+        if not self._touch.reads_images:
+            return
+        was_found = self._turn.found is not None
+        self._turn.see(checked.frame, measured)
+        if self._turn.found is not None and not was_found:
+            logger.warning("frame at %.3f s: %s", checked.frame.time, turn_words(self._turn.found))
+
+    def _warn_if_mirrored(self, is_mirrored: bool, time: float) -> None:
+        """Warn once if images are taken as mirrored, unless the sensor's frame is turned, which looks like it."""
+        if is_mirrored and not self._is_mirrored_told and not self._turn.is_open:
+            self._is_mirrored_told = True
+            if self._turn.found is None:
+                logger.warning("frame at %.3f s: %s", time, MIRRORED)
+
     def step(
         self, estimator: MultiHypothesisFilter, checked: CheckedFrame, measured: Sequence[Measurement]
     ) -> Posterior:
         """Take the frame and its measurements to all hypotheses."""
-        return estimator.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
+        self._look_for_turn(checked, measured)
+        posterior = estimator.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
+        self._warn_if_mirrored(estimator.is_mirrored, checked.frame.time)
+        return posterior
 
     def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
         """Make a frame the last one, now that it was used."""
@@ -190,7 +224,7 @@ class OneSensor:
 
     def estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
-        stream = replace(checked.evidence, sunk=self._touch.sunk)
+        stream = replace(checked.evidence, sunk=self._touch.sunk, turn=self._turn.found)
         estimate = _decided(posterior, stream, checked.frame.time)
         return self._correction.at_frame_time(estimate, checked.corrected)
 
@@ -265,6 +299,9 @@ class SeveralFingers:
         """Copies of the untouched gels that are known, by finger."""
         gels = {finger.name: finger.gate.background for finger in self._gate.fingers}
         return {name: gel.copy() for name, gel in gels.items() if gel is not None}
+
+    def begin(self, pose: Array, covariance: Array) -> None:
+        """Take the object's first pose; that a finger's frame is turned is not looked for."""
 
     def reset(self) -> None:
         """Begin anew with the same untouched gels."""

@@ -45,6 +45,18 @@ EXCHANGED = (
 
 
 @dataclass(frozen=True)
+class FrameTurn:
+    """A turn about z that the sensor's frame, as it was given, lacks."""
+
+    angle: float | None
+    """[rad] Counter-clockwise seen from above, if images are upright; None if it is not known well."""
+    mirrored_angle: float | None
+    """[rad] The same if images lie the other way."""
+    may_be_mirrored: bool
+    """True if nothing is turned once images lie the other way."""
+
+
+@dataclass(frozen=True)
 class InputEvidence:
     """Signs that the stream of frames is faulty or weak."""
 
@@ -60,6 +72,8 @@ class InputEvidence:
     """Angle of the sensor's motion while it touches from its x axis [rad]; 0 while it is not known."""
     sunk: float = 0.0
     """Indentation of the tip beyond the usual one [m]."""
+    turn: FrameTurn | None = None
+    """The turn that the sensor's frame lacks, if one shows."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +179,32 @@ def _ambiguity(on: Evidence) -> str:
     return _joined(_slant(on), sentence) if "mirrored images" in ambiguity.origins else sentence
 
 
+def turn_words(turn: FrameTurn) -> str:
+    """Return a sentence on a turn that the sensor's frame lacks, with the option that mends it."""
+    if turn.angle is None:
+        return (
+            "at first contact the image fits the outline only if the sensor's frame is turned about z: is "
+            "--sensor-T-gel right, or is w the first of each quaternion?"
+        )
+    half = 0.5 * turn.angle
+    option = f"--sensor-T-gel 0 0 0 0 0 {math.sin(half):.3f} {math.cos(half):.3f}, or as much after one that is given"
+    turned = f"the sensor's frame is turned about z by {math.degrees(turn.angle):+.0f} degrees ({option})"
+    if turn.may_be_mirrored:
+        images = "images lie the other way (--orientation 180 or mirrored)"
+        return f"at first contact the image fits the outline only if {images} or if {turned}"
+    words = f"at first contact the image fits the outline only if {turned}"
+    if abs(turn.angle) > math.radians(150.0):
+        words += "; is w the first of each quaternion?"
+    other = turn.mirrored_angle
+    if other is not None and abs(math.remainder(other - turn.angle, math.tau)) > math.radians(5.0):
+        words += f"; by {math.degrees(other):+.0f} degrees if images lie the other way"
+    return words
+
+
 def _slant(on: Evidence) -> str:
     """Return a question about the sensor's frame if it moves off its x axis, which looks like mirrored images."""
+    if on.input.turn is not None:
+        return ""  # it is told
     angle = math.degrees(on.input.push_angle)
     if abs(on.input.push_angle) < SLANTED_PUSH or on.input.weakness:
         return ""
@@ -187,6 +225,8 @@ def _uncertainty(on: Evidence) -> str:
 def _orientation_of_images(on: Evidence) -> str:
     if on.pose.are_of_hand:
         return EXCHANGED if on.pose.takes_images_as_mirrored else ""
+    if on.input.turn is not None:
+        return ""  # a turned frame looks like mirrored images
     if on.pose.takes_images_as_mirrored:
         return _joined(_slant(on), MIRRORED)
     if on.pose.may_images_be_mirrored:
@@ -268,8 +308,9 @@ def decide(evidence: Evidence) -> Verdict:
     row = next(row for row in TABLE if row.applies(evidence))
     reason = row.reason(evidence)
     if not row.is_whole_reason:
-        sentences = [reason, evidence.input.weakness]
-        if abs(evidence.input.push_angle) >= SLANTED_PUSH:
+        turn = evidence.input.turn
+        sentences = [reason, evidence.input.weakness if turn is None else turn_words(turn)]
+        if turn is not None or abs(evidence.input.push_angle) >= SLANTED_PUSH:
             sentences.reverse()  # a turned frame explains what follows
         reason = _joined(evidence.input.doubt, *sentences, _depth_of(evidence))
     return Verdict(row.status, reason)

@@ -96,6 +96,7 @@ class Tracker:
             compiled=given.compiled,
             priors_of_fingers=given.priors_of_fingers,
         )
+        self._sensors.begin(self._first.pose, self._first.covariance)
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.
@@ -106,6 +107,7 @@ class Tracker:
             self._first = first_pose_of(self._first.pose if pose is None else pose, sigma, self._settings)
         self._sensors.reset()
         self._filter.begin(self._first.pose, self._first.covariance)
+        self._sensors.begin(self._first.pose, self._first.covariance)
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.

@@ -1,6 +1,7 @@
 """What `palpate track` leaves for people and other programs: report, trajectories, videos, and numbers with units."""
 
 import json
+import sys
 from pathlib import Path
 
 import cv2
@@ -65,6 +66,17 @@ def test_a_video_shows_the_push(succeeds, fails, name, monkeypatch):
     assert (pictures[0][200:400, 980:] != pictures[-1][200:400, 980:]).any()  # the touch image
     assert "already exists" in fails("track", "seen.mcap", "--video", name, "--out", "again")
     assert not Path("again").exists() and not list(Path().glob(".*.part*"))
+
+
+def test_a_library_of_an_extra_that_is_missing_is_one_sentence(succeeds, fails, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    assert "[video]'" in fails("track", "push.mcap", "--video", "push.mp4")
+    assert not Path("runs").exists()
+    camera = ("--poses", "udp:5005", "--shape", "disc", "--first-pose", 0, 0, 0)
+    assert "[camera]'" in fails("live", "--camera", 7, *camera)
+    palpate.write_recording(imaged_push(), "seen.mcap")
+    succeeds("track", "seen.mcap", "--video", "push.gif", "--html")  # which need neither
 
 
 def test_videos_that_cannot_be_are_one_sentence(fails):

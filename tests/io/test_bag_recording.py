@@ -339,9 +339,21 @@ def test_one_wrong_stamp_costs_itself(tmp_path, caplog, seconds):
     assert "/ee_pose" in caplog.text and "left out" in caplog.text
 
 
-def test_a_clock_that_is_set_forward_is_told(tmp_path, caplog):
-    read(tmp_path, few_images(24) + set_clock(poses(), 0.4))
-    assert "/ee_pose: header stamps step by +0.400 s" in caplog.text
+@pytest.mark.parametrize("seconds", [0.4, 0.9])
+@pytest.mark.parametrize("stream", ["poses", "images", "both", "put right"])
+def test_a_clock_that_is_set_forward_costs_itself(tmp_path, caplog, stream, seconds):
+    images = [compressed_message(time, touch_images(1)[0]) for time in image_times(44)]
+    moving = poses()
+    if stream in ("images", "both"):
+        images = set_clock(images, seconds)
+    if stream == "put right":  # the clock was late until it was set
+        moving = [restamped([message], lambda time: time - round(seconds * 1e9))[0] for message in moving]
+    if stream != "images":
+        moving = set_clock(moving, seconds)
+    found = read(tmp_path, images + moving)
+    assert "header stamps step by +" in caplog.text
+    assert len(found) >= 20
+    same_poses(found.sensor_pose, true_pose(np.round(found.time * 1e9)), 1e-3)
 
 
 def test_one_transform_of_two_senders_is_refused(tmp_path):

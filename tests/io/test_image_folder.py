@@ -218,6 +218,19 @@ def test_folders_and_options_that_do_not_fit_are_named(folder, fails):
     assert "--poses" in fails("convert", "img", "push.mcap", "--rate", 30, "--shape", "disc")
 
 
+def test_a_folder_is_tracked_as_it_is_converted(folder, run_palpate, fails):
+    write_table("ee.csv", "", with_times(seven()))
+    words = ("--image-times", image_table(), "--poses", "ee.csv")
+    wanted = convert(run_palpate, *words)
+    start = ("--tactile", "none", "--first-pose", 0.1, 0, 0.3)
+    code, _, err = run_palpate("track", "img", "--shape", "0.09x0.06", *words, *start)
+    assert code == 0, err
+    assert palpate.load_recording("runs/img/recording.mcap").time.tolist() == wanted.time.tolist()
+    assert run_palpate("track", "img", "--shape", "0.09x0.06", *words, *start, "--resume")[0] == 0
+    assert "--poses" in fails("track", "img", "--shape", "0.09x0.06", *start, "--out", "other")
+    assert not Path("other").exists()
+
+
 def test_info_says_how_to_convert_a_folder(folder, run_palpate):
     image_table()
     write_table("ee.csv", "", with_times(seven()))

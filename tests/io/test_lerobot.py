@@ -146,6 +146,10 @@ def test_an_episode_amid_a_file_with_a_gripper_in_its_state(folder, run_palpate)
     code, _, err = run_palpate("convert", "other", "out.mcap", "--episode", 1, "--shape", "0.09x0.06")
     assert code == 0, err
     same_frames(palpate.load_recording("out.mcap"), push(1.0))
+    start = ("--first-pose", 0, 0, 0, "--tactile", "none")
+    code, _, err = run_palpate("track", "other", "--episode", 1, "--shape", "0.09x0.06", *start)
+    assert code == 0, err
+    same_frames(palpate.load_recording("runs/other/recording.mcap"), push(1.0))
 
 
 def test_what_does_not_fit_is_named(folder, fails):

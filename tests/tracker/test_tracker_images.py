@@ -50,6 +50,23 @@ def test_contact_is_what_images_show_whatever_the_flags_say(recording):
         assert np.sum(found & ~touched) <= 1  # at the rim, until the sensor has moved out
 
 
+@pytest.mark.parametrize("degrees", [0.0, 45.0, -90.0, 180.0])
+@pytest.mark.parametrize("view", ["upright", "180"])
+def test_a_turned_sensor_frame_is_named_with_the_option_that_mends_it(recording, degrees, view):
+    turned = recording.moved_onto_gel((0.0, 0.0, np.radians(degrees)))
+    given = dataclasses.replace(turned.oriented(view), is_view_known=False)
+    said = " ".join(track(given).summary["warnings"])
+    options = [option.split()[:7] for option in said.split("--sensor-T-gel ")[1:]]
+    if degrees == 0.0:
+        assert ("--orientation" in said) == (view == "180")
+        assert view == "180" or options == []  # images that lie the other way are like a frame turned a little
+        return
+    assert len(options) == 1 and "confirm by --orientation" not in said
+    mended = given.moved_onto_gel([float(number.strip(",)")) for number in options[0]])
+    off = np.angle(np.exp(1j * (mended.sensor_pose - recording.sensor_pose)[:, 2]))
+    assert np.abs(off).max() < np.radians(8.0 if view == "upright" else 30.0)
+
+
 def test_how_images_lie_is_doubted_unless_it_is_stated(recording, tmp_path):
     upside_down = recording.oriented("180")
     doubted = track(dataclasses.replace(upside_down, is_view_known=False))

@@ -212,12 +212,14 @@ class Bag:
         orientation = self.choices.orientation
         kind = detect_format(file)
         if kind != "bag":  # reading a file of no known format raises an error that says what is wrong with it
-            if kind is not None and self != Bag(choices=BagOptions(orientation)):
+            gel = self.choices.sensor_T_gel
+            if kind is not None and self != Bag(choices=BagOptions(orientation, gel)):
                 raise SettingError(
-                    f"{file}: is no bag but a recording, whose outline, sensor, poses and times are settled; of the "
-                    "options for bags only --orientation applies to it"
+                    f"{file}: is no bag but a recording, whose outline, sensor and times are settled; of the options "
+                    "for bags only --orientation and --sensor-T-gel apply to it"
                 )
-            return palpate.BagReading(palpate.load_recording(file, orientation), flat())
+            recording = palpate.load_recording(file, orientation)
+            return palpate.BagReading(recording if gel is None else recording.moved_onto_gel(gel), flat())
         if self.shape is None:
             raise SettingError(self._missing(file))
         with kept_warnings() as warnings:

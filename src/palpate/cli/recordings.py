@@ -13,6 +13,7 @@ import palpate
 from palpate.cli.console import Report, progress_bar
 from palpate.cli.new_sensor import first_guess, with_scale_of
 from palpate.cli.options import Bag, Force, Marker, Orientation, Sensor, arg
+from palpate.cli.sources import Source
 from palpate.errors import FileError, SettingError, kept_warnings
 from palpate.files import in_file, new_file, numbers_of, read_json
 from palpate.hints import own_command
@@ -128,7 +129,7 @@ def convert(
         raise SettingError(f"{target}: extension {target.suffix!r} is of no format to write, allowed is .mcap")
     new_file(target, force)
     about: dict[str, Any] = {"in": str(source), "out": str(target)}
-    recording = _converted(source, episode, bag, tables)
+    recording = Source(bag, tables, episode).read(source).recording
     palpate.write_recording(recording, target, overwrite=force)
     if source.is_dir() and recording.source:
         about["source"] = recording.source
@@ -147,21 +148,6 @@ def _sources_and_target(
     raise SettingError(f"convert: found {words}; expected IN OUT or, of a folder, --images DIR --poses TABLE and OUT")
 
 
-def _converted(source: Path, episode: int, bag: Bag, tables: TableChoices) -> "palpate.Recording":
-    """Return a recording, bag, folder or dataset as a recording. Raises PalpateError."""
-    from palpate.io.lerobot import is_lerobot, read_lerobot
-    from palpate.types.sensor_file import known_sensor
-
-    if is_lerobot(source):
-        shape = bag.shape and palpate.load_shape(bag.shape, bag.shape_unit)
-        with progress_bar(f"reading {source.name}") as bar:
-            return read_lerobot(source, episode, shape or None, bag.choices, tables, known_sensor(bag.sensor), bar)
-    if tables != TableChoices():
-        return _folder_recording(source, bag, tables)
-    with progress_bar(f"converting {source.name}"):
-        return bag.read(source).recording
-
-
 def _convert_to_lerobot(sources: Sequence[Path], target: Path, force: bool, bag: Bag) -> Report:
     """Write recordings as a dataset of LeRobot."""
     from palpate.io.lerobot_writer import write_lerobot
@@ -171,22 +157,6 @@ def _convert_to_lerobot(sources: Sequence[Path], target: Path, force: bool, bag:
         write_lerobot(recordings, target, force, bar)
     frames = sum(map(len, recordings))
     return Report(target.name, {"in": [*map(str, sources)], "out": str(target), "frames": frames})
-
-
-def _folder_recording(folder: Path, bag: Bag, tables: TableChoices) -> "palpate.Recording":
-    """Return a folder of images with tables as a recording. Raises PalpateError."""
-    from palpate.io.image_folder import image_files, read_folder
-    from palpate.types.sensor_file import known_sensor
-
-    if not folder.is_dir():
-        raise FileError(f"{folder}: is no folder; --poses and its options are for a folder of images")
-    if bag.shape is None:
-        raise SettingError("--shape NAME|AxB|FILE is missing: a folder of images holds no outline of the object")
-    with kept_warnings() as warnings:
-        shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
-    with progress_bar(f"reading {folder.name}", len(image_files(folder))) as bar:
-        recording = read_folder(folder, shape, bag.choices, tables, known_sensor(bag.sensor), bar)
-    return recording.warned(warnings)
 
 
 def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:

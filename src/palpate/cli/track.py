@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
+from palpate.cli.sources import Source
 from palpate.cli.track_files import Outcome, Outputs, Way, read_first_poses, track_file, track_files
 from palpate.errors import SettingError
 from palpate.files import new_file
-from palpate.types.choices import Placement
+from palpate.types.choices import Placement, TableChoices
 
 if TYPE_CHECKING:
     from palpate.live.sources import Sources
@@ -59,6 +60,8 @@ def track(
     touch: Touch = Touch(),
     estimator: Estimator = Estimator(),
     bag: Bag = Bag(),
+    tables: TableChoices = TableChoices(),
+    episode: Annotated[int, arg("N")] = 0,
     out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None,
     files_of_run: RunFiles = RunFiles(),
     workers: Annotated[int, arg("N")] = 1,
@@ -69,10 +72,14 @@ def track(
 
     Example: palpate track push.mcap --first-pose 0.1 0 17deg --first-pose-sigma 10mm 10mm 6deg
 
+    Example: palpate track images --poses ee.csv --shape 0.09x0.06 --first-pose 0.1 0 0.3
+
     Args:
-        files: Recordings in any known format, or bags of ROS messages.
+        files: Recordings in any known format, bags of ROS messages, a folder of images with --poses, or a dataset of
+            LeRobot.
         first_poses: The first poses of several files: a table with the columns file, x, y, theta and, if known,
             sigma_x, sigma_y, sigma_theta [m, rad, or with units].
+        episode: Episode of a dataset of LeRobot.
         out: Folder of the run; of several files, the folder of their runs.
         workers: Processes that share several files.
         resume: Keep whole runs of the same files by the same settings, and make the rest.
@@ -87,7 +94,8 @@ def track(
     start.pose_and_sigma()  # raises here, once for all files
     model, unit = touch.load(touch.tactile)
     table = read_first_poses(first_poses) if first_poses else None
-    way = Way(estimator.settings(touch.tactile, touch.markers), start, bag, model, unit, table)
+    source = Source(bag, tables, episode)
+    way = Way(estimator.settings(touch.tactile, touch.markers), start, source, model, unit, table)
     outputs = files_of_run.outputs(force)
     jobs = [(file, _folder_of(file, out, is_only=len(files) == 1)) for file in files]
     if len(files) == 1 and not resume:

@@ -11,8 +11,9 @@ from typing import Any
 
 import palpate
 from palpate.cli.console import complain, progress_bar, progress_log
-from palpate.cli.options import Bag, Start
+from palpate.cli.options import Start
 from palpate.cli.quantities import ANGLE, LENGTH, quantity
+from palpate.cli.sources import Source
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import read_json, read_table
 
@@ -28,7 +29,7 @@ class Way:
 
     settings: "palpate.TrackerSettings"
     start: Start
-    bag: Bag
+    source: Source
     model: "palpate.TouchModel | None" = None
     calibration: "palpate.Calibration | Mapping[str, palpate.Calibration] | None" = None
     first_poses: Mapping[str, Start] | None = None
@@ -49,7 +50,7 @@ class Way:
         options = {
             "settings": asdict(self.settings),
             "start": asdict(self.start_of(file)),
-            "bag": asdict(self.bag),
+            **asdict(self.source),
             "model": self.model and self.model.hash,
             "calibration": _hash_of(self.calibration),
         }
@@ -131,9 +132,8 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
 
     first_pose, sigma = way.start_of(file).pose_and_sigma()
     with new_run(folder, outputs.may_replace) as part:
-        with progress_bar(f"reading {file.name}"):
-            logger.info("reading %s", file)
-            recording, plane = way.bag.read(file)
+        logger.info("reading %s", file)
+        recording, plane = way.source.read(file)
         if outputs.mcap:
             nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 

@@ -44,7 +44,7 @@ from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.window import ContactWindow
-from palpate.status import EXCHANGED, MIRRORED
+from palpate.status import EXCHANGED
 from palpate.types.estimate import Clearance
 from palpate.types.measurements import ContactDirection, Frame, Measurement, ObjectPose
 
@@ -400,9 +400,8 @@ class MultiHypothesisFilter:
         self.is_mirrored = is_mirrored
         bank.take(takes_images_as(bank.rows, is_mirrored))
         bank.rows = replace(bank.rows, weight=bank.rows.weight / bank.rows.weight.sum())
-        if is_mirrored:
-            sentence = EXCHANGED if self._contact_model.fingers else MIRRORED
-            logger.warning("frame at %.3f s: %s", self._times[-1], sentence)
+        if is_mirrored and self._contact_model.fingers:
+            logger.warning("frame at %.3f s: %s", self._times[-1], EXCHANGED)
 
 
 def _is_read_from_touch(step: Step) -> bool:

@@ -10,7 +10,6 @@ What such a dataset does not know, outline and sensor, is in meta/palpate.json, 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError, one_line
 from palpate.files import in_file, read_json
 from palpate.geometry.shapes import Shape, shape_from_dict
-from palpate.hints import install_command
+from palpate.hints import library
 from palpate.io.pose_tables import poses_of_numbers
 from palpate.io.recording import Recording
 from palpate.types.choices import BagChoices, TableChoices
@@ -39,10 +38,8 @@ def is_lerobot(path: Path) -> bool:
 
 def libraries() -> tuple[Any, Any, Any]:
     """Return the modules `av`, `pyarrow` and its `parquet`. Raises SettingError if they are not installed."""
-    try:
-        return import_module("av"), import_module("pyarrow"), import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise SettingError(f"LeRobot datasets need {error.name}: {install_command('lerobot')}") from error
+    av, pyarrow, parquet = (library(name, "lerobot", "LeRobot") for name in ("av", "pyarrow", "pyarrow.parquet"))
+    return av, pyarrow, parquet
 
 
 def about_dataset(folder: Path) -> dict[str, Any]:

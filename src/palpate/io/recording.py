@@ -13,6 +13,7 @@ from palpate.arrays import Array, Flags, Image
 from palpate.config import FirstPoseSettings
 from palpate.errors import FileError, kept_warnings
 from palpate.files import in_file
+from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.io import fingers
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
@@ -24,7 +25,7 @@ from palpate.types.images import Codec, camera_view, decode_image, turned_image
 from palpate.types.measurements import Frame
 from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
-from palpate.types.space import Placed, Times, onto_gel
+from palpate.types.space import Placed, Times, gel_pose, onto_gel
 
 Images = Image | Sequence[Image | bytes | str | Path]
 """Images as a user has them: arrays (N, height, width, 3), encoded bytes, or paths of files."""
@@ -215,6 +216,10 @@ class Recording:
         size = (self.sensor.image_height, self.sensor.image_width)
         images = self.image and tuple(turned_image(image, size, view) for image in self.image)
         return replace(self, image=images, is_view_known=self.is_view_known or view.is_stated)
+
+    def moved_onto_gel(self, sensor_T_gel: ArrayLike) -> "Recording":
+        """Return the recording with the gel at a pose in the frame of its sensor poses; see `from_arrays`."""
+        return replace(self, sensor_pose=se2.compose(self.sensor_pose, gel_pose(np.zeros(3), sensor_T_gel)))
 
     def warned(self, warnings: Sequence[str]) -> "Recording":
         """Return the recording with further warnings of its import, each once."""

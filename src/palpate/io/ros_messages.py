@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from palpate.arrays import Array
 from palpate.errors import FileError
 from palpate.files import new_file, whole_file
+from palpate.hints import library
 from palpate.types.images import codec_of
 from palpate.types.space import Plane, out_of_plane
 
@@ -28,16 +29,18 @@ TRANSFORM_TYPES = (*_ROS_TRANSFORM_TYPES, "foxglove.FrameTransform", "foxglove.F
 READ_TYPES = (*IMAGE_TYPES, *POSE_TYPES, *TRANSFORM_TYPES, BOOL)
 
 ENCODINGS = {
-    **dict.fromkeys(("rgb8", "rgb"), (3, "")),
-    **dict.fromkeys(("bgr8", "bgr", "8UC3"), (3, "BGR2RGB")),
-    "rgba8": (4, "RGBA2RGB"),
-    **dict.fromkeys(("bgra8", "8UC4"), (4, "BGRA2RGB")),
+    **dict.fromkeys(("rgb8", "rgb"), (3, (0, 1, 2))),
+    **dict.fromkeys(("bgr8", "bgr", "8UC3"), (3, (2, 1, 0))),
+    "rgba8": (4, (0, 1, 2)),
+    **dict.fromkeys(("bgra8", "8UC4"), (4, (2, 1, 0))),
     **dict.fromkeys(("yuv422", "uyvy", "uyvy422"), (2, "YUV2RGB_UYVY")),
     **dict.fromkeys(("yuv422_yuy2", "yuyv", "yuyv422", "yuy2"), (2, "YUV2RGB_YUYV")),
     **{f"bayer_{order}8": (1, f"Bayer{order.upper()}2RGB") for order in ("rggb", "bggr", "gbrg", "grbg")},
 }
-"""Encodings of `Image` that are read: bytes of a pixel, and OpenCV's conversion. 8UC3 and 8UC4 do not name the order of
-colours; the driver of the DIGIT and OpenCV, which publish them, have blue first."""
+"""Encodings of `Image` that are read: bytes of a pixel, and its channels in the order of RGB or OpenCV's conversion.
+
+8UC3 and 8UC4 do not name the order of colours; the driver of the DIGIT and OpenCV, which publish them, have blue first.
+"""
 
 
 class Channel(NamedTuple):
@@ -214,7 +217,7 @@ def yuv_order(message: Any) -> str:
     """
     label = str(getattr(message, "encoding", "")).strip().lower()
     others = {"YUV2RGB_UYVY": "yuv422_yuy2", "YUV2RGB_YUYV": "yuv422"}
-    other = others.get(ENCODINGS.get(label, (0, ""))[1], "")
+    other = others.get(str(ENCODINGS.get(label, (0, ""))[1]), "")
     if not other or message.width < 4 or len(message.data) != message.height * message.step:
         return ""
     rows = np.asarray(message.data, np.uint8).reshape(message.height, -1)[:, : 2 * message.width].astype(np.int16)
@@ -235,8 +238,6 @@ def image_in(message: Any, encoding: str = "") -> bytes | NDArray[np.uint8]:
         if codec_of(data) is None or colour.startswith("mono") or colour.endswith("C1"):
             raise FileError(f"images are {message.format!r}, allowed are colour images as JPEG or PNG")
         return data
-    import cv2
-
     label = (encoding or message.encoding).strip().lower()
     encoding = next((name for name in ENCODINGS if name.lower() == label), "")
     if not encoding:
@@ -254,8 +255,9 @@ def image_in(message: Any, encoding: str = "") -> bytes | NDArray[np.uint8]:
         )
     rows = np.asarray(message.data, np.uint8).reshape(height, step)[:, : size * width]
     pixels = np.ascontiguousarray(rows.reshape(height, width, size))
-    if not conversion:
-        return np.asarray(pixels, np.uint8)
+    if not isinstance(conversion, str):
+        return np.ascontiguousarray(pixels[..., conversion])
+    cv2 = library("cv2", "camera", f"encoding {encoding} of images")
     try:
         return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")), np.uint8)
     except cv2.error as error:  # such as an odd width

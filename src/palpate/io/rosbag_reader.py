@@ -244,9 +244,9 @@ class Stream:
             raise FileError(f"{self.name} are on {' and '.join(sorted(self.topics))}; allowed is one of both")
         if not holds_always:
             log_time = np.array(self.times["log"], np.int64)
-            order = stamped_in_order(self.name, times, log_time, clock == "header")
-            times = times[order]
-            numbers = numbers[order]
+            ordered = stamped_in_order(self.name, times, log_time, clock == "header")
+            times = ordered.time
+            numbers = numbers[ordered.numbers]
         return placed_at(self.name, times, numbers, time, holds_always)
 
 

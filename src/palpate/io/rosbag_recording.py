@@ -319,9 +319,8 @@ def _images_in_order(
     found = list(_images(bag, topic, choices, sensor))
     log_time = np.array([time for time, _, _ in found], np.int64)
     stamp = np.array([time for _, time, _ in found], np.int64)
-    order = stamped_in_order(topic, stamp, log_time, choices.clock == "header")
-    times = stamp if choices.clock == "header" else log_time
-    return [(int(times[index]), found[index][2]) for index in order]
+    ordered = stamped_in_order(topic, stamp, log_time, choices.clock == "header")
+    return [(time, found[index][2]) for index, time in zip(ordered.numbers, ordered.time.tolist(), strict=True)]
 
 
 def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Times, Flags]:

@@ -6,6 +6,7 @@ So times are looked at in the order in which they came, before anything is sorte
 import logging
 from bisect import bisect_right
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class _Limits:
     farthest_offset: int = 10**9
     """[ns] Largest difference of a stamp from the others of its stream, each against its time of recording."""
     clock_step: float = 0.1
-    """[s] Smallest step of a clock that is reported; delays of messages vary by less."""
+    """[s] Smallest step of a clock that is taken out; delays of messages vary by less."""
     block: int = 10
     """Messages of which the one that was least late tells the clock."""
 
@@ -105,16 +106,25 @@ def _steps_back(time: Times) -> str:
     )
 
 
-def stamped_in_order(name: str, stamp: Times, log_time: Times, is_header: bool) -> NDArray[np.intp]:
-    """Return the numbers of messages whose times are believed, in the order in which they were recorded.
+class Ordered(NamedTuple):
+    """Messages of a stream whose times are believed, in the order in which they were recorded."""
+
+    numbers: NDArray[np.intp]
+    """(N,) among all messages of the stream."""
+    time: Times
+    """(N,) [ns] by the chosen clock."""
+
+
+def stamped_in_order(name: str, stamp: Times, log_time: Times, is_header: bool) -> Ordered:
+    """Return the messages whose times are believed, in the order in which they were recorded.
 
     Their times are the stamps (N,) [ns] of their headers, or else the times of recording (N,) [ns]. Stamps of 0, and a
-    few that are far off the others, are left out with a warning. A warning tells of stamps that step forward against
-    the times of recording. Raises FileError if times go back.
+    few that are far off the others, are left out with a warning. Where stamps step forward against the times of
+    recording the clock was set: the step is taken out, with a warning. Raises FileError if times go back.
     """
     order = np.argsort(log_time, kind="stable")
     if not is_header:
-        return order
+        return Ordered(order, log_time[order])
     is_recorded = bool(np.ptp(log_time))
     stamp = stamp[order]
     offset = stamp - log_time[order]
@@ -126,9 +136,8 @@ def stamped_in_order(name: str, stamp: Times, log_time: Times, is_header: bool) 
     kept = np.flatnonzero(good)
     advice = "; --clock log takes the times of recording" if is_recorded else ""
     kept = kept[in_order(f"{name}: header stamps", stamp[kept], advice)]
-    if is_recorded:
-        _warn_of_a_step(name, stamp[kept], offset[kept])
-    return order[kept]
+    step = _clock_step(name, stamp[kept], offset[kept]) if is_recorded else 0
+    return Ordered(order[kept], stamp[kept] - step)
 
 
 def believed(stamp: Times, log_time: Times) -> Flags:
@@ -144,17 +153,28 @@ def believed(stamp: Times, log_time: Times) -> Flags:
     return good & ~is_far if are_few(int(is_far.sum()), len(stamp)) else good
 
 
-def _warn_of_a_step(name: str, stamp: Times, offset: Times) -> None:
-    """Warn if the clock of stamps (N,) [ns] was set, by their offsets (N,) [ns] from the times of recording.
+def _clock_step(name: str, stamp: Times, offset: Times) -> Times | int:
+    """Return by how much each of the stamps (N,) [ns] is off since a clock was set, which a warning tells; else 0.
 
-    Of a few messages the one that was least late tells the clock.
+    Offsets (N,) [ns] from the times of recording show it: of a few messages the one that was least late tells the
+    clock. Right is the part of the stamps that is nearer to these times, as then all streams are by one clock.
     """
     count = len(offset) // _LIMITS.block
     if count < 4:
-        return
+        return 0
     clock = 1e-9 * offset[: count * _LIMITS.block].reshape(count, _LIMITS.block).max(axis=1)
     place = int(np.argmax(np.abs(np.diff(clock)))) + 1
-    step = float(np.median(clock[place:]) - np.median(clock[:place]))
-    if abs(step) > _LIMITS.clock_step and abs(clock[place] - clock[place - 1]) > 0.8 * abs(step):
-        words = "%s: header stamps step by %+.3f s against the times of recording at %.3f s: was a clock set?"
-        logger.warning(words, name, step, stamp[place * _LIMITS.block] * 1e-9)
+    before = float(np.median(clock[:place]))
+    after = float(np.median(clock[place:]))
+    step = after - before
+    if abs(step) <= _LIMITS.clock_step or abs(clock[place] - clock[place - 1]) <= 0.8 * abs(step):
+        return 0
+    begin = max((place - 1) * _LIMITS.block, 0)
+    steps = np.abs(np.diff(offset[begin : (place + 1) * _LIMITS.block]))
+    first = begin + 1 + int(np.argmax(steps))
+    is_after_wrong = abs(after) >= abs(before)
+    is_wrong = (np.arange(len(stamp)) >= first) == is_after_wrong
+    words = "%s: header stamps step by %+.3f s against the times of recording at %.3f s: the clock was set, and %s"
+    which = "later" if is_after_wrong else "earlier"
+    logger.warning(words, name, step, stamp[first] * 1e-9, f"{which} stamps are taken as that much off")
+    return np.where(is_wrong, round(1e9 * step) * (1 if is_after_wrong else -1), 0)

@@ -12,11 +12,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from palpate.errors import SettingError
+from palpate.errors import FileError, SettingError
 from palpate.files import counting_order
+from palpate.hints import library
 from palpate.live.sources import Clock, Image, Sources, TouchImage, clock_from, udp_poses
 from palpate.types.choices import Placement
-from palpate.types.images import CameraView, camera_view, scaled
+from palpate.types.images import CameraView, camera_view, read_image, scaled
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
 
@@ -60,8 +61,7 @@ def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictur
     Its exposure settles for a second. Raises SettingError if it cannot be opened or gives no images.
     """
     os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "2")  # [s] instead of 10
-    import cv2
-
+    cv2 = library("cv2", "camera", f"camera {path}")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # errors are reported in one sentence
 
     def pictures() -> Pictures:
@@ -90,15 +90,14 @@ def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures
 
     Raises SettingError if there are none.
     """
-    import cv2
-
     if path.is_dir():
         names = sorted(map(str, path.glob("[!.]*")), key=counting_order)
         files = [name for name in names if name.lower().endswith((".png", ".jpg", ".jpeg"))]
         has_images = bool(files)
         rate = sensor.rate
-        pixels = (cv2.imread(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION) for file in files)
+        pixels = map(_picture, files)
     else:
+        cv2 = library("cv2", "camera", f"camera {path}: a video")
         video = cv2.VideoCapture(str(path))
         has_images = video.isOpened()
         rate = video.get(cv2.CAP_PROP_FPS) or sensor.rate
@@ -115,16 +114,22 @@ def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures
     return rate, pictures()
 
 
+def _picture(file: str) -> Any:
+    """Return the pixels of an image file in the order of OpenCV; None if it is damaged."""
+    try:
+        return read_image(Path(file))[..., ::-1]
+    except FileError:
+        return None
+
+
 def upright(pixels: Any, sensor: SensorProfile, orientation: str) -> Image:
     """Return an image of OpenCV as upright RGB, scaled to a sensor's size if it is a multiple of it.
 
     If the user has not said how images lie, those on their side are turned as digit-interface turns them.
     """
-    import cv2
-
     size = (sensor.image_height, sensor.image_width)
     view = camera_view(orientation)
     if not orientation and (pixels.shape[0] < pixels.shape[1]) != (size[0] < size[1]):
         view = CameraView(quarter_turns=1)
-    image = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), np.uint8)
+    image = np.ascontiguousarray(pixels[..., ::-1])
     return scaled(view.of(image), size)

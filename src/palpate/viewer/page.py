@@ -163,7 +163,7 @@ def _touch_images(
     run: Run, frames: "np.typing.NDArray[np.int_]", most: int = 300, height: int = 220
 ) -> list[tuple[int, str]]:
     """Return touch images of a height [px], each with its place among the frames; damaged ones are left out."""
-    import cv2
+    from PIL import Image
 
     images: list[tuple[int, str]] = []
     if run.recording.image is None and run.recording.images is None:
@@ -174,9 +174,9 @@ def _touch_images(
             if image is None:
                 continue
             size = (max(round(image.shape[1] * height / image.shape[0]), 1), height)
-            small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-            coded = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
-            images.append((place, _uri("jpeg", coded.tobytes())))
+            coded = io.BytesIO()
+            Image.fromarray(image).resize(size, Image.Resampling.BOX).save(coded, "jpeg", quality=80)
+            images.append((place, _uri("jpeg", coded.getvalue())))
     return images
 
 

@@ -3,17 +3,22 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.errors import FileError, PalpateError, SettingError
+from palpate.errors import FileError, SettingError
+from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
-from palpate.pipeline.figures import ESTIMATE, OTHERS, draw_moment, millimetres, outline_at, run_figure
+from palpate.hints import library
+from palpate.pipeline.figures import ESTIMATE, OTHERS, SENSOR, TRUTH, millimetres, outline_at, run_figure
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Answer, count_origins
 from palpate.viewer.touch_picture import picture_size, touch_picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SUFFIXES = (".mp4", ".gif")
 RATE = 10.0
@@ -21,9 +26,11 @@ RATE = 10.0
 
 
 def check_video(path: Path) -> None:
-    """Raise SettingError if a file has no name of a video."""
+    """Raise SettingError if a file has no name of a video, or what writes it is not installed."""
     if path.suffix.lower() not in SUFFIXES:
         raise SettingError(f"--video {path}: extension {path.suffix!r} is of no video, allowed are .mp4 and .gif")
+    if path.suffix.lower() == ".mp4":
+        library("av", "video", f"--video {path}, unlike a .gif,")
 
 
 def write_video(run: Run, path: Path, kind: str, progress: Callable[[int], None] | None = None) -> None:
@@ -64,26 +71,53 @@ def _write_gif(drawn: Iterator[NDArray[np.uint8]], path: Path) -> None:
 
 
 def _write_mp4(drawn: Iterator[NDArray[np.uint8]], path: Path) -> None:
-    """Write pictures as VP9, which browsers play and OpenCV brings. Raises PalpateError if this OpenCV does not."""
-    import cv2
-
-    temporary = path.with_name(f"{path.name}.mp4")  # OpenCV takes the format from the name
-    writer: cv2.VideoWriter | None = None
-    try:
-        for picture in drawn:
+    """Write pictures as H.264, which browsers and players take."""
+    av = library("av", "video", "a video")
+    with av.open(str(path), "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=round(RATE), options={"crf": "20", "preset": "veryfast"})
+        stream.pix_fmt = "yuv420p"
+        for number, picture in enumerate(drawn):
             height, width = (2 * (side // 2) for side in picture.shape[:2])  # the codec takes even sizes
-            if writer is None:
-                writer = cv2.VideoWriter(
-                    str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"vp09"), RATE, (width, height)
-                )
-                if not writer.isOpened():
-                    raise PalpateError("OpenCV here writes no VP9 video; --video FILE.gif needs none")
-            writer.write(cv2.cvtColor(picture[:height, :width], cv2.COLOR_RGB2BGR))
-        if writer is not None:
-            writer.release()
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+            if number == 0:
+                stream.height = height
+                stream.width = width
+            even = np.ascontiguousarray(picture[:height, :width])
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
+        container.mux(stream.encode())
+
+
+class _Moving:
+    """What moves in the push from above, and the lines of the present moment in the plots: made once, then moved."""
+
+    def __init__(self, above: "Axes", plots: "Sequence[Axes]", run: Run) -> None:
+        self._run = run
+        self._pads = [
+            above.fill(*np.zeros((2, 3)), color=SENSOR, alpha=0.8, lw=0)[0] for _ in run.recording.sensor.pads
+        ]
+        self._truth = above.fill(*np.zeros((2, 3)), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)[0]
+        self._estimate = above.plot([], [], color=ESTIMATE, lw=1.8)[0]
+        self._ellipse = above.plot([], [], color=ESTIMATE, lw=1.0)[0]
+        self._others = above.plot([], [], color=OTHERS, lw=1.0)[0]
+        self._now = [axes.axvline(0.0, color="black", lw=1.0) for axes in plots]
+        self.artists: list[Any] = [self._truth, self._estimate, *self._pads, self._ellipse, self._others, *self._now]
+
+    def move(self, frame: int) -> None:
+        """Move all to a frame."""
+        run = self._run
+        online = run.online
+        truth = run.recording.truth[frame]
+        self._truth.set_visible(bool(np.isfinite(truth).all()))
+        if self._truth.get_visible():
+            self._truth.set_xy(outline_at(run, truth).T)
+        self._estimate.set_data(*outline_at(run, online.pose[frame]))
+        for artist, pad in zip(self._pads, run.recording.sensor.pads, strict=True):
+            artist.set_xy(millimetres(se2.transform(run.recording.sensor_pose[frame], pad)).T)
+        self._ellipse.set_data(*millimetres(ellipses_95(online.pose[frame], online.covariance[frame])))
+        gap = np.full((2, 1), np.nan)
+        others = [np.hstack([outline_at(run, answer.pose), gap]) for answer in run.answers[frame][1:]]
+        self._others.set_data(*np.hstack([gap, *others]))
+        for line in self._now:
+            line.set_xdata([online.time[frame] - online.time[0]] * 2)
 
 
 def pictures(run: Run, frames: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
@@ -98,24 +132,21 @@ def pictures(run: Run, frames: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
     above, *plots = figure.axes
     figure.subplots_adjust(right=0.84)
     touch = figure.add_axes((0.85, 0.35, 0.14, 0.4))
-    touch_image = touch.imshow(np.zeros((*picture_size(run.recording), 3), np.uint8), animated=True)
-    title = touch.set_title(" ", fontsize=11, animated=True)
+    blank = np.zeros((*picture_size(run.recording), 3), np.uint8)
+    touch_image = touch.imshow(blank, animated=True, interpolation="nearest")
+    title = touch.set_title(" ", fontsize=11, animated=True, parse_math=False)
     touch.axis("off")
     time = run.online.time - run.online.time[0]
     canvas.draw()
     above.autoscale(enable=False)
     still = canvas.copy_from_bbox(figure.bbox)
+    moving = _Moving(above, plots, run)
     for frame in frames:
         canvas.restore_region(still)
-        moving = draw_moment(above, run, frame)
-        ellipse = ellipses_95(run.online.pose[frame], run.online.covariance[frame])
-        moving += above.plot(*millimetres(ellipse), color=ESTIMATE, lw=1.0)
-        for answer in run.answers[frame][1:]:
-            moving += above.plot(*outline_at(run, answer.pose), color=OTHERS, lw=1.0)
-        moving += [axes.axvline(time[frame], color="black", lw=1.0) for axes in plots]
+        moving.move(frame)
         lines = [f"{time[frame]:.2f} s", run.online.status[frame], *_origin_lines(run.answers[frame])]
         title.set_text("\n".join(lines))
-        shown = [*moving, title]
+        shown = [*moving.artists, title]
         with suppress(FileError):  # of a damaged image
             image = touch_picture(run.recording, frame)
             if image is not None:
@@ -124,8 +155,6 @@ def pictures(run: Run, frames: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
         for artist in shown:
             figure.draw_artist(artist)
         yield np.array(canvas.buffer_rgba())[..., :3]
-        for artist in moving:
-            artist.remove()
 
 
 def _origin_lines(answers: Sequence[Answer]) -> list[str]:
