@@ -16,6 +16,7 @@ from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Disc, Shape
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.hypotheses.posterior import Posterior
+from palpate.hypotheses.unknown_outline import UnknownOutlineFilter
 from palpate.input.checked_frame import CheckedFrame
 from palpate.input.frame_values import checked_measurements, with_checked_values
 from palpate.input.input_gate import InputGate
@@ -30,6 +31,7 @@ from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import check_arguments, first_pose_of, noise_of_unit
 from palpate.types.estimate import Estimate
 from palpate.types.measurements import Frame, Measurement
+from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import POINT, SensorProfile
 from palpate.types.sensor_file import known_sensor
 
@@ -41,7 +43,7 @@ class Tracker:
 
     def __init__(
         self,
-        shape: Shape,
+        shape: Shape | Unknown | Sketch,
         sensor: SensorProfile | str,
         first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
@@ -79,14 +81,18 @@ class Tracker:
         is_view_known |= calibration is not None and calibration.is_view_known
         pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
         noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
-        self._filter = MultiHypothesisFilter(
-            contact_model(shape, sensor),
-            replace(settings, noise=noise),
-            self._first.pose,
-            self._first.covariance,
-            may_be_mirrored=not (is_view_known or self._is_touch_given),
-            compiled=graph,
-        )
+        settings = replace(settings, noise=noise)
+        may_be_mirrored = not (is_view_known or self._is_touch_given)
+        pose = self._first.pose
+        covariance = self._first.covariance
+        if isinstance(shape, Unknown | Sketch):
+            placed = None if first_pose is None else pose
+            self._filter = UnknownOutlineFilter(shape, sensor, settings, placed, covariance, may_be_mirrored)
+        else:
+            model_of_contact = contact_model(shape, sensor)
+            self._filter = MultiHypothesisFilter(
+                model_of_contact, settings, pose, covariance, may_be_mirrored=may_be_mirrored, compiled=graph
+            )
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:

@@ -77,6 +77,7 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     normal = near["normal"]
     arm = near["point"] - model.friction_center
     extent = np.real(np.conj(normal) * arm) - gap * np.square(np.abs(normal))
+    by_outline = model.by_outline(near)
     # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
     position = g[..., 0] + 1j * g[..., 1]
     by_g = near["gap_by_g"]
@@ -87,4 +88,8 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     derivative[..., 2] = -by_g[..., 2] - (position.conj() * force).imag
     derivative[..., _DEPTH] = 1.0
     derivative[..., _SCALE] = -extent
+    if by_outline.shape[2]:
+        heights = belief.values.shape[1] - by_outline.shape[2]
+        derivative[..., _TANGENT + heights :] = by_outline
+        gap = gap + np.einsum("bpk,bk->bp", by_outline, belief.values[:, heights:])
     return gap + belief[DEPTH] - belief[OUTLINE_SCALE] * extent, derivative

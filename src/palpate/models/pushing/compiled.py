@@ -4,6 +4,7 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from palpate.compiled import hash_of
 from palpate.errors import SettingError
@@ -18,13 +19,12 @@ from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.settings import SETTINGS
 
 
-def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
+def compiled_model(model: Model, code: ModuleType, name: str, **instead: Any) -> CompiledModel:
     """Return a model of pushing for compiled code: the functions of its generated module, and those of a step.
 
-    `name` tells models apart where compiled code is kept.
+    `name` tells models apart where compiled code is kept. Functions of `Functions` by name take the place of the usual.
     """
-    functions = functions_of(
-        model,
+    usual: dict[str, Any] = dict(
         move_step=code.move_step,
         copy_step=code.copy_step,
         difference=code.difference,
@@ -36,6 +36,7 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         put_object=step.put_object,
         put_object_derivative=step.put_object_derivative,
     )
+    functions = functions_of(model, **(usual | instead))
     return CompiledModel(
         model=model,
         records=record_types(model),

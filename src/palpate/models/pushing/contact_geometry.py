@@ -83,6 +83,11 @@ class ContactModel:
     """Corners that stick out (K, 4): x, y [m], direction of the inward bisector, and half the angle between the normals
     of the sides [rad], object frame."""
 
+    @property
+    def is_learnt(self) -> bool:
+        """True if the outline is a variable."""
+        return False
+
     @cached_property
     def center(self) -> complex:
         """Middle of the parts [m], sensor frame."""
@@ -111,6 +116,10 @@ class ContactModel:
         out = np.empty(g.shape[:2], CONTACT_GEOMETRY)
         _touching(g, self.surface, out)
         return out
+
+    def by_outline(self, near: NDArray[np.void]) -> Array:
+        """Return the derivatives (B, N, K) of gaps by variables of the outline, none of a known one."""
+        return np.zeros((*near.shape, 0))
 
     def moved_along(self, g: Array, lengths: Array) -> Array:
         """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, at constant yaw.
@@ -158,7 +167,7 @@ def put_touch(place: complex, turn: complex, surface: Surface, touch: Records) -
         return
     for i in range(len(surface.parts)):
         _put_round(place, turn, surface.parts[i], surface, surface.each[i])
-    _put_mean(surface.each, touch)
+    put_mean(surface.each, touch)
 
 
 @kernel
@@ -187,7 +196,7 @@ def _put_round(place: complex, turn: complex, center: complex, surface: Surface,
 
 
 @kernel
-def _put_mean(parts: Records, touch: Records) -> None:
+def put_mean(parts: Records, touch: Records) -> None:
     """Write the load-weighted mean of the parts' geometries to `touch`."""
     nearest = math.inf
     for i in range(len(parts)):

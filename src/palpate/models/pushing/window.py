@@ -16,6 +16,7 @@ from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel
 from palpate.models.pushing.measurements import Step, terms_of
+from palpate.models.pushing.outline_change import OutlineChange
 from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.variables import TURN_OFFSET
@@ -101,6 +102,12 @@ class ContactWindow(PushingWindow):
                 offset = se2.wrap(self._steps["g"][:, -1, 2] - measurement.angle * sign)
                 self.rows["shared"][:, self._compiled.model.in_shared[TURN_OFFSET]] = offset[:, None]
                 return
+
+    def change_outline(self, change: OutlineChange, settings: NDArray[np.void]) -> None:
+        """Take another curve of an outline that is a variable; the next solution is by it."""
+        self._model = change.model
+        self._given = self._given._replace(settings=settings, surface=change.model.surface)
+        change.apply(self.rows)
 
     def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
         """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
