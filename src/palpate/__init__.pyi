@@ -11,6 +11,8 @@ from .geometry.shapes import Ellipse as Ellipse
 from .geometry.shapes import Polygon as Polygon
 from .geometry.shapes import Rectangle as Rectangle
 from .geometry.shapes import Shape as Shape
+from .hypotheses.next_push import NextPush as NextPush
+from .hypotheses.next_push import next_push as next_push
 from .io import load_recording as load_recording
 from .io.outlines import load_shape as load_shape
 from .io.recording import Recording as Recording

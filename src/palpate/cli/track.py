@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
+from palpate.cli.learnt_outline import LearntOutline
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
 from palpate.cli.track_files import Outcome, Outputs, Way, read_first_poses, track_file, track_files
 from palpate.errors import PalpateError, SettingError
@@ -59,6 +60,7 @@ def track(
     touch: Touch = Touch(),
     estimator: Estimator = Estimator(),
     bag: Bag = Bag(),
+    outline: LearntOutline = LearntOutline(),
     out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None,
     files_of_run: RunFiles = RunFiles(),
     workers: Annotated[int, arg("N")] = 1,
@@ -87,7 +89,7 @@ def track(
     start.pose_and_sigma()  # raises here, once for all files
     model, unit = touch.load(touch.tactile)
     table = read_first_poses(first_poses) if first_poses else None
-    way = Way(estimator.settings(touch.tactile, touch.markers), start, bag, model, unit, table)
+    way = Way(estimator.settings(touch.tactile, touch.markers), start, bag, model, unit, table, outline.of(bag))
     outputs = files_of_run.outputs(force)
     jobs = [(file, _folder_of(file, out, is_only=len(files) == 1)) for file in files]
     if len(files) == 1 and not resume:

@@ -11,6 +11,7 @@ from typing import Any
 
 import palpate
 from palpate.cli.console import complain, progress_bar, progress_log
+from palpate.cli.learnt_outline import bag_to_read
 from palpate.cli.options import Bag, Start
 from palpate.cli.quantities import ANGLE, LENGTH, quantity
 from palpate.errors import FileError, PalpateError, SettingError
@@ -33,6 +34,8 @@ class Way:
     calibration: "palpate.Calibration | None" = None
     first_poses: Mapping[str, Start] | None = None
     """Starts by the names of files, in place of one for all."""
+    outline: "palpate.Unknown | palpate.Sketch | None" = None
+    """Outline that is to be learnt, in place of that of the recording."""
 
     def start_of(self, file: Path) -> Start:
         """Return the start of a recording. Raises SettingError if there is none in the table of first poses."""
@@ -53,6 +56,7 @@ class Way:
             "bag": asdict(self.bag),
             "model": self.model and self.model.hash,
             "calibration": unit and sha256(unit.read_bytes()).hexdigest(),
+            **({} if self.outline is None else {"outline": asdict(self.outline)}),
         }
         about = {"file": str(file.absolute()), "size": stat.st_size, "modified_ns": stat.st_mtime_ns}
         return json.loads(json.dumps({**about, "options": options}, default=str))
@@ -116,6 +120,7 @@ def read_first_poses(path: Path) -> dict[str, Start]:
 
 def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str, Any]:
     """Track a recording into a folder and return its summary. Raises PalpateError."""
+    from palpate.io import detect_format
     from palpate.io.ros_messages import nanoseconds
     from palpate.pipeline.figures import draw
     from palpate.pipeline.run_folder import PAGE, new_run, write_files
@@ -126,7 +131,8 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
     with new_run(folder, outputs.may_replace) as part:
         with progress_bar(f"reading {file.name}"):
             logger.info("reading %s", file)
-            recording, plane = way.bag.read(file)
+            is_bag = detect_format(file) == "bag"
+            recording, plane = bag_to_read(way.bag, way.outline, is_bag).read(file)
         if outputs.mcap:
             nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 
@@ -143,11 +149,10 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
             logger.info("writing %s", folder)
             write_files(run, part, plane, way.about(file), outputs.names())
 
+        start: Any = {"first_pose": first_pose, "first_pose_sigma": sigma, "outline": way.outline}
         model: Any = {"settings": way.settings, "model": way.model, "calibration": way.calibration}
         with progress_bar(file.name, len(recording)) as progress:
-            run = palpate.track(
-                recording, first_pose=first_pose, first_pose_sigma=sigma, **model, progress=progress, keep=keep
-            )
+            run = palpate.track(recording, **start, **model, progress=progress, keep=keep)
         keep(run)
     return run.summary
 

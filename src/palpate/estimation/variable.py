@@ -34,9 +34,8 @@ class Variable:
 
     def __post_init__(self) -> None:
         allowed = (3,) if self.scope == "step" else (1, 2)
-        if self.scope == "object" and self.dimension > 2:  # the heights of an outline, which factors read by the contact
-            return
-        if self.dimension not in allowed:
+        is_outline = self.scope == "object" and self.dimension > 2  # factors read it by the contact geometry
+        if self.dimension not in allowed and not is_outline:
             raise SettingError(f"variable {self.name!r} has dimension {self.dimension}; allowed are {allowed}")
 
     @property

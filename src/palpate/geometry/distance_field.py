@@ -29,9 +29,9 @@ class DistanceField(NamedTuple):
     def of(cls, shape: Shape, margin: float = 0.04, nodes: int = 512) -> "DistanceField":
         """Sample a shape, with a margin [m] around it that should exceed the sensor's radius of curvature.
 
-        The longer side of the grid has so many nodes; with 512 it takes a few megabytes for any object. The spline is exact to micrometres
-        where the distance is smooth. At its kinks, the corners and the medial axis, it is off by a fifth of a cell and
-        recovers within three.
+        The longer side of the grid has so many nodes; 512 take a few megabytes for any object. The spline is exact to
+        micrometres where the distance is smooth. At its kinks, the corners and the medial axis, it is off by a fifth of
+        a cell and recovers within three.
         """
         outline = shape.outline(400)
         low = outline.min(axis=0) - margin

@@ -8,12 +8,13 @@ its x axis along the direction of contact.
 """
 
 import logging
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from palpate.arrays import Array, Flags
-from palpate.config import TrackerSettings
+from palpate.config import FrictionConeSettings, TrackerSettings
 from palpate.geometry import se2
 from palpate.geometry.closed_curve import KNOTS, POINTS, best_pole
 from palpate.hypotheses.consistency import ConsistencyMonitor
@@ -24,7 +25,7 @@ from palpate.hypotheses.rows import Hypotheses
 from palpate.hypotheses.weigher import Weigher
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.outline_change import changed_outline
-from palpate.models.pushing.outline_prior import OUTLINE_PLACE, deviation_at_points, outline_prior, with_outline
+from palpate.models.pushing.outline_prior import OUTLINE_PLACE, deviation_at_points, outline_prior, with_friction
 from palpate.models.pushing.outline_variable import OUTLINE
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
@@ -46,6 +47,11 @@ _MOST_CURVES = 5
 """Curves that a contact may need until heights and angle are small, at its first frame."""
 _NEAR = 6.0
 """Knots from a contact from which the curve stays as it was while the contact lasts."""
+_LAG = 120
+"""Steps in a window: what leaves it is linearised once and for all, which makes an outline that is hardly known too
+sure."""
+_CONE = 2.5
+"""Factor on the share of the friction cone: where the centre of friction is hardly known, so is the force."""
 _POLE_OFF = 0.25
 """Distance of a better pole from which it is taken, as a share of the mean distance of the outline from the pole."""
 _PATCH = 2
@@ -71,32 +77,43 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         self._first_model = outline_contact_model(self._outline_prior.curve, sensor)
         self._is_placed_by_touch = first_pose is None
         pose = np.zeros(3) if first_pose is None else first_pose
+        noise = replace(
+            settings.noise,
+            friction_cone=_wider(settings.noise.friction_cone),
+        )
+        settings = replace(settings, noise=noise)
         super().__init__(self._first_model, settings, pose, first_covariance, may_be_mirrored, OUTLINE_PUSHING)
+        self._lag = max(self._lag, _LAG)
 
     def begin(self, pose: Array, covariance: Array) -> None:
-        """Begin with nothing known but the object's pose (3,), its covariance (3, 3), and what is given of its outline."""
+        """Begin with what is given of the outline, and the object's pose (3,) with its covariance (3, 3)."""
         self._contact_model = self._first_model
-        self._prior = object_prior(self._settings.priors, self._compiled.model)
+        self._usual = object_prior(self._settings.priors, self._compiled.model)
+        self._prior = self._usual
         super().begin(pose, covariance)
         rows = self._bank.rows
-        joint = with_outline(rows.belief.covariance[0], self._outline_prior, self._first_model.friction_radius)
+        joint = rows.belief.covariance[0].copy()
+        at = slice(3 + OUTLINE_PLACE.start, 3 + OUTLINE_PLACE.stop)
+        joint[at, at] = self._outline_prior.covariance
         self._is_placed = not self._is_placed_by_touch
         if self._is_placed and isinstance(self._given, Unknown):
             joint[:3, :3] = np.diag(np.square(GAUGE))
-        deviation = np.sqrt(joint.diagonal()[3:])
+        belief = replace(rows.belief, covariance=joint[None])
+        belief = with_friction(belief, self._first_model.curve, self._usual)
+        self._bank.rows = replace(rows, belief=belief)
+        deviation = np.sqrt(belief.covariance[0].diagonal()[3:])
         deviation[OUTLINE_PLACE] = OUTLINE.prior[1]  # heights are from the present curve, which says how usual they are
-        self._prior = replace(self._prior, deviation=deviation)
+        self._prior = replace(self._usual, deviation=deviation)
         self._weigher = Weigher(self._prior)
         self._use(self._first_model)
-        self._bank.rows = replace(rows, belief=replace(rows.belief, covariance=joint[None]))
         self._is_found = True
         self._touched_points: Flags = np.zeros(POINTS, np.bool_)
 
     def step(
-        self, frame: Frame, from_touch: "list[Measurement] | tuple[Measurement, ...]" = (), *more: float
-    ) -> Posterior:  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, frame: Frame, from_touch: Sequence[Measurement] = (), hidden_motion: float = 0.0, sunk: float = 0.0
+    ) -> Posterior:
         """Take a frame, and return the posterior with the outline; see `MultiHypothesisFilter`."""
-        posterior = super().step(frame, from_touch, *more)
+        posterior = super().step(frame, from_touch, hidden_motion, sunk)
         return replace(posterior, outline=self._outline())
 
     def _outline(self) -> Outline:
@@ -120,6 +137,9 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         if not self._is_placed:
             self._place(step)
         self._take_over(self._bank.rows.belief.values[0, OUTLINE_PLACE], may_move_pole=True)
+        rows = self._bank.rows
+        belief = with_friction(rows.belief, self._contact_model.curve, self._usual)
+        self._bank.rows = replace(rows, belief=belief)
         return super()._begin_contact(step)
 
     def _begin_window(self, step: Step) -> None:
@@ -207,3 +227,7 @@ def _near(knot: int) -> Array:
     """Return the shares (K,) of heights that a contact at a knot shows: all near it, none far away."""
     apart = np.abs((np.arange(KNOTS) - knot + KNOTS // 2) % KNOTS - KNOTS // 2)
     return np.clip((_NEAR - apart) / (0.5 * _NEAR), 0.0, 1.0)
+
+
+def _wider(cone: FrictionConeSettings) -> FrictionConeSettings:
+    return cone if cone.share is None else replace(cone, share=_CONE * cone.share)

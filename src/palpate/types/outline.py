@@ -27,8 +27,9 @@ class Unknown:
     def __post_init__(self) -> None:
         given: Any = self.size
         is_pair = isinstance(given, tuple | list) and len(given) == 2
-        numbers = [checked_number(value, SMALLEST, LARGEST) for value in given] if is_pair else [None]
-        if None in numbers or not numbers[0] < numbers[1]:  # pyright: ignore[reportOptionalOperand]
+        checked = [checked_number(value, SMALLEST, LARGEST) for value in given] if is_pair else []
+        numbers = [value for value in checked if value is not None]
+        if len(numbers) != 2 or not numbers[0] < numbers[1]:
             allowed = f"two widths from {SMALLEST:g} to {LARGEST:g} m, the smaller first"
             raise SettingError(f"size of an unknown outline is {given!r}; allowed are {allowed}")
         object.__setattr__(self, "size", tuple(numbers))

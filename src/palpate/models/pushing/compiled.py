@@ -24,18 +24,18 @@ def compiled_model(model: Model, code: ModuleType, name: str, **instead: Any) ->
 
     `name` tells models apart where compiled code is kept. Functions of `Functions` by name take the place of the usual.
     """
-    usual: dict[str, Any] = dict(
-        move_step=code.move_step,
-        copy_step=code.copy_step,
-        difference=code.difference,
-        linearise_step=code.linearise_step,
-        linearise_measured=code.linearise_measured,
-        prepare_step=step.prepare_step,
-        prepare_process=force.make_put_force(model),
-        prepare_last=force.make_put_last_force(model),
-        put_object=step.put_object,
-        put_object_derivative=step.put_object_derivative,
-    )
+    usual: dict[str, Any] = {
+        "move_step": code.move_step,
+        "copy_step": code.copy_step,
+        "difference": code.difference,
+        "linearise_step": code.linearise_step,
+        "linearise_measured": code.linearise_measured,
+        "prepare_step": step.prepare_step,
+        "prepare_process": force.make_put_force(model),
+        "prepare_last": force.make_put_last_force(model),
+        "put_object": step.put_object,
+        "put_object_derivative": step.put_object_derivative,
+    }
     functions = functions_of(model, **(usual | instead))
     return CompiledModel(
         model=model,

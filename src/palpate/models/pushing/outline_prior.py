@@ -1,11 +1,7 @@
-"""Belief about an outline before it is touched: its curve, and a Gaussian of the heights across it and of friction.
-
-Where friction with the table acts follows from the outline: if this is larger, so is the radius of friction, and the
-centre of friction is near its centroid. The joint covariance says so.
-"""
+"""Belief about an outline before it is touched, a curve and a Gaussian of heights, and of friction by an outline."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +15,7 @@ from palpate.geometry.closed_curve import (
     ClosedCurve,
     circle,
 )
+from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.outline_variable import OUTLINE, OUTLINE_MODEL
 from palpate.models.pushing.priors import ObjectPrior
 from palpate.models.pushing.variables import FRICTION_CENTER, FRICTION_RATIO
@@ -30,6 +27,8 @@ CENTER_PLACE = OUTLINE_MODEL.in_object[FRICTION_CENTER]
 """Places of the centre of friction."""
 RATIO_PLACE = OUTLINE_MODEL.in_object[FRICTION_RATIO].start
 """Place of the logarithm of the ratio of friction."""
+_SIZE = 0.3
+"""Standard deviation of an object's radius, as a share of it and of the logarithm of largest over least width."""
 _SHIFT = 0.3
 """Standard deviation of an object's middle from where it was guessed, as a share of its radius."""
 _FORM = 0.22
@@ -65,12 +64,12 @@ def outline_prior(given: Unknown | Sketch) -> OutlinePrior:
         heights = given.sigma**2 * (0.95 * _along(apart, _SKETCH_BEND) + 0.05 * np.eye(KNOTS))
     else:
         least, largest = given.size
-        radius = 0.25 * (least + largest)
+        radius = 0.5 * math.sqrt(least * largest)
         center = complex(radius - first_reach(given), 0.0)
         curve = circle(radius, center, 0.0j)
         angle = np.angle(curve.points[::POINTS_PER_KNOT] - center)
         apart = angle[:, None] - angle
-        size = ((largest - least) / 6.0) ** 2
+        size = (_SIZE * radius * math.log(largest / least)) ** 2
         form = _FORM**2 * _along(apart, _BEND) + _SHARP**2 * np.eye(KNOTS)
         heights = size + radius**2 * (_SHIFT**2 * np.cos(apart) + form)
     by_height = TO_COEFFICIENTS / curve.outward[::POINTS_PER_KNOT]
@@ -87,29 +86,34 @@ def _along(apart: Array, length: float) -> Array:
     return np.exp(-2.0 * np.square(np.sin(0.5 * apart) / length))
 
 
-def with_outline(covariance: Array, prior: OutlinePrior, friction_radius: float) -> Array:
-    """Return a joint covariance (3 + V, 3 + V) of pose and variables with that of the outline, and friction by it."""
-    first = 3
-    at = slice(first + OUTLINE_PLACE.start, first + OUTLINE_PLACE.stop)
-    points = prior.curve.points
-    area = prior.curve.shape.area
-    lengths = 0.5 * np.abs(np.roll(points, -1) - np.roll(points, 1))
-    weights = BASIS_AT_POINTS * (prior.curve.outward * lengths / area)[:, None]
-    center = complex(*prior.curve.shape.centroid.tolist())
-    by_heights = np.zeros((len(covariance), KNOTS))
-    arm = (points - center) / friction_radius
-    by_heights[first + CENTER_PLACE.start] = arm.real @ weights
-    by_heights[first + CENTER_PLACE.start + 1] = arm.imag @ weights
-    by_heights[first + RATIO_PLACE] = weights.sum(axis=0)
-    by_heights[at] = np.eye(KNOTS)
-    joint = covariance.copy()
-    joint[at, :] = 0.0
-    joint[:, at] = 0.0
-    return joint + by_heights @ prior.covariance @ by_heights.T
+def with_friction(belief: Belief, curve: ClosedCurve, prior: ObjectPrior) -> Belief:
+    """Return a belief (B,) in which friction with the table is what the outline says: all that a contact begins with.
+
+    The centre of friction is at the centroid and the radius of friction is that of the curve, as well as the outline
+    and its prior let know. What a contact taught of friction is left out, and so is that it tells of the outline: where
+    neither is known, each would make the other too sure.
+    """
+    area = curve.shape.area
+    center = complex(*curve.shape.centroid.tolist())
+    lengths = 0.5 * np.abs(np.roll(curve.points, -1) - np.roll(curve.points, 1))
+    weights = BASIS_AT_POINTS * (curve.outward * lengths / area)[:, None]
+    arm = (curve.points - center) / curve.shape.friction_radius()
+    by_heights = np.stack((weights.sum(axis=0), arm.real @ weights, arm.imag @ weights))
+    places = np.array([RATIO_PLACE, CENTER_PLACE.start, CENTER_PLACE.start + 1])
+    at = slice(3 + OUTLINE_PLACE.start, 3 + OUTLINE_PLACE.stop)
+    covariance = belief.covariance.copy()
+    by_outline = by_heights @ covariance[:, at, at] @ by_heights.T
+    covariance[:, 3 + places, :] = 0.0
+    covariance[:, :, 3 + places] = 0.0
+    rows = np.ix_(np.arange(len(covariance)), 3 + places, 3 + places)
+    covariance[rows] = by_outline + np.diag(np.square(prior.deviation[places]))
+    values = belief.values.copy()
+    values[:, places] = prior.mean[places]
+    return replace(belief, values=values, covariance=covariance)
 
 
 def deviation_at_points(covariance: Array, curve: ClosedCurve) -> Array:
-    """Return the standard deviations (N,) [m] across a curve at its points, from the joint covariance (3 + V, 3 + V)."""
+    """Return the standard deviations (N,) [m] across a curve at its points, by a joint covariance (3 + V, 3 + V)."""
     at = slice(3 + OUTLINE_PLACE.start, 3 + OUTLINE_PLACE.stop)
     heights = np.einsum("ni,ij,nj->n", BASIS_AT_POINTS, covariance[at, at], BASIS_AT_POINTS)
     return curve.outward * np.sqrt(np.maximum(heights, 0.0))

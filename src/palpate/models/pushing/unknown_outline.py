@@ -1,9 +1,9 @@
 """An outline that nobody drew: heights across a curve, as variables of the object.
 
 The curve is the outline as it is known when a contact begins, the heights are the change of its distance from a pole.
-At the place u of the curve, heights and their slope move the contact and turn its normal; the contact geometry carries both, so that all
-factors read the outline as they read a known one. A derivative by the outline is first one by height and slope, and is
-spread over the four coefficients that the place depends on once a factor is linearised.
+At the place u of the curve, heights and their slope move the contact and turn its normal; the contact geometry carries
+both, so that all factors read the outline as they read a known one. A derivative by the outline is first one by height
+and slope, and is spread over the four coefficients that the place depends on once a factor is linearised.
 """
 
 import math
@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from palpate.arrays import Array, Complex, Records
 from palpate.compiled import kernel
-from palpate.estimation.variable import Variable
 from palpate.geometry.closed_curve import BASIS_AT_POINTS, KNOTS, POINTS, ClosedCurve
 from palpate.geometry.distance_field import DistanceField
 from palpate.manifolds.se2_kernels import position
 from palpate.models import generated_outline
 from palpate.models.generated_outline import put_rotations
 from palpate.models.pushing.compiled import compiled_model
-from palpate.models.pushing.contact_geometry import ContactModel, Surface, put_mean
+from palpate.models.pushing.contact_geometry import ContactModel, put_mean
 from palpate.models.pushing.outline_distance import distance_at, weights_at
 from palpate.models.pushing.outline_variable import OUTLINE, OUTLINE_MODEL
 from palpate.types.sensor import SensorProfile
@@ -131,7 +130,9 @@ def prepare_step(now: Records, row: Records, surface: Any) -> None:
 
 
 @kernel
-def _put_round(place: complex, turn: complex, center: complex, row: Records, surface: Any, touch: Records) -> None:
+def _put_round(  # noqa: PLR0915 - a formula, a line a quantity
+    place: complex, turn: complex, center: complex, row: Records, surface: Any, touch: Records
+) -> None:
     """Write the geometry of one round part.
 
     At a distance d0 from the curve, with the height h at the nearest place, the tip is at (d0 - h) / |n| from the
