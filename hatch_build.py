@@ -20,10 +20,13 @@ class LibrariesHook(BuildHookInterface):
         if version == "editable":
             return
         sys.path.insert(0, str(Path(self.root, "src")))
-        import palpate.models.pushing.compiled
+        import palpate.models.pushing.unknown_outline
         import palpate.touch.marks  # noqa: F401
         from palpate.compiled import EVERY
         from palpate.compiled.library import LEVELS, WITH_PALPATE, make
+        from palpate.models.pushing.compiled import hand_pushing
+
+        hand_pushing(2)
 
         levels = LEVELS if platform.machine() == "x86_64" else ["generic"]
         for path in [make(each, WITH_PALPATE, level) for level in levels for each in EVERY]:

@@ -12,11 +12,12 @@ from palpate.estimation.generate import generate
 from palpate.estimation.model import Model
 from palpate.models.pushing.hand import hand_model
 from palpate.models.pushing.model import MODEL
+from palpate.models.pushing.outline_variable import OUTLINE_MODEL
 from palpate.models.pushing.settings import SETTINGS
 
 FOLDER = Path(__file__).parents[1] / "src/palpate/models"
 SOURCE = "palpate.models.pushing"
-MODELS = {"generated.py": MODEL, "generated_two_fingers.py": hand_model(2)}
+MODELS = {"generated.py": MODEL, "generated_two_fingers.py": hand_model(2), "generated_outline.py": OUTLINE_MODEL}
 
 
 def main() -> int:

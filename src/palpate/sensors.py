@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
-from palpate.config import NoiseSettings, Priors, TactileChoice, TrackerSettings
+from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Shape
@@ -23,7 +23,7 @@ from palpate.input.input_gate import InputGate
 from palpate.input.sensor_correction import SensorCorrection, moved_on
 from palpate.input.turned_frame import FrameTurnMonitor
 from palpate.models.pushing.compiled import PUSHING, hand_pushing
-from palpate.models.pushing.contact_geometry import ContactModel, contact_model, hand_contact_model
+from palpate.models.pushing.contact_geometry import contact_model, hand_contact_model
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Fingers, OfFinger
 from palpate.status import MIRRORED, Evidence, InputEvidence, decide, turn_words
@@ -31,31 +31,18 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import check_arguments, noise_of_unit
+from palpate.tracker_arguments import FirstPose, check_arguments, noise_of_unit
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import Frame, Measurement
+from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, eq=False)
-class ForFilter:
-    """What the filter of a tracker is made with."""
-
-    model: ContactModel
-    noise: NoiseSettings
-    compiled: CompiledModel
-    may_be_mirrored: bool
-    """True if it is open how images lie or, of a hand, which of two fingers they are of."""
-    priors_of_fingers: tuple[Priors, ...] = ()
-
-
 class Sensors(Protocol):
     """One sensor, or the fingers of a hand, as a tracker uses them."""
-
-    for_filter: ForFilter
 
     @property
     def last(self) -> Frame | None:
@@ -75,6 +62,10 @@ class Sensors(Protocol):
     @property
     def backgrounds(self) -> dict[str, Background]:
         """Copies of the untouched gels that are known, by finger; "" is one sensor."""
+        ...
+
+    def estimator(self, first: FirstPose, is_placed: bool) -> MultiHypothesisFilter:
+        """Return the filter that the sensors need, and the object's first pose; not `is_placed` if none was given."""
         ...
 
     def begin(self, pose: Array, covariance: Array) -> None:
@@ -115,7 +106,7 @@ class OneSensor:
 
     def __init__(
         self,
-        shape: Shape,
+        shape: Shape | Unknown | Sketch,
         settings: TrackerSettings,
         of_sensor: tuple[SensorProfile, TouchModel | None, Calibration | None, Touch | None],
         set_up_sigma: ArrayLike | None,
@@ -130,14 +121,35 @@ class OneSensor:
         is_view_known |= calibration is not None and calibration.is_view_known
         pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
         noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
-        may_be_mirrored = not (is_view_known or self._is_touch_given)
-        self.for_filter = ForFilter(contact_model(shape, sensor), noise, graph, may_be_mirrored)
+        self._settings = replace(settings, noise=noise)
+        self._may_be_mirrored = not (is_view_known or self._is_touch_given)
+        self._graph = graph
         self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
-        self._outline = (shape, sensor)
+        self._shape = shape
+        self._sensor = sensor
+
+    def estimator(self, first: FirstPose, is_placed: bool) -> MultiHypothesisFilter:
+        """Return the filter of a known outline, or of one that is learnt."""
+        if not isinstance(self._shape, Unknown | Sketch):
+            return MultiHypothesisFilter(
+                contact_model(self._shape, self._sensor),
+                self._settings,
+                first.pose,
+                first.covariance,
+                may_be_mirrored=self._may_be_mirrored,
+                compiled=self._graph,
+            )
+        from palpate.hypotheses.unknown_outline import UnknownOutlineFilter  # has machine code of its own
+
+        pose = first.pose if is_placed else None
+        return UnknownOutlineFilter(
+            self._shape, self._sensor, self._settings, pose, first.covariance, self._may_be_mirrored
+        )
 
     def begin(self, pose: Array, covariance: Array) -> None:
         """Take the object's first pose: the first contact tells if the sensor's frame is turned."""
-        self._turn = FrameTurnMonitor(*self._outline, pose, covariance)
+        known = None if isinstance(self._shape, Unknown | Sketch) else self._shape
+        self._turn = FrameTurnMonitor(known, self._sensor, pose, covariance)
         self._is_mirrored_told = False
 
     @property
@@ -267,12 +279,21 @@ class SeveralFingers:
             )
             for name, sensor in hand.fingers.items()
         ]
-        self.for_filter = ForFilter(
-            hand_contact_model(shape, list(hand.fingers.values())),
-            noise,
-            hand_pushing(len(hand.fingers)),
-            may_be_mirrored=not is_view_known and len(hand.fingers) == 2,
-            priors_of_fingers=tuple(each.priors for each in of_fingers),
+        self._model = hand_contact_model(shape, list(hand.fingers.values()))
+        self._settings = replace(settings, noise=noise)
+        self._may_be_exchanged = not is_view_known and len(hand.fingers) == 2
+        self._priors_of_fingers = tuple(each.priors for each in of_fingers)
+
+    def estimator(self, first: FirstPose, is_placed: bool) -> MultiHypothesisFilter:
+        """Return the filter of a hand; without a first pose, the object is anywhere."""
+        return MultiHypothesisFilter(
+            self._model,
+            self._settings,
+            first.pose,
+            first.covariance,
+            may_be_mirrored=self._may_be_exchanged,
+            compiled=hand_pushing(len(self._hand.fingers)),
+            priors_of_fingers=self._priors_of_fingers,
         )
 
     @property

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -15,7 +14,6 @@ from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Shape
-from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.models.pushing.compiled import PUSHING, hand_pushing
 from palpate.sensors import OneSensor, Sensors, SeveralFingers, hand_of, units_of
 from palpate.touch.background import Background
@@ -26,6 +24,7 @@ from palpate.tracker_arguments import check_arguments, first_pose_of
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement
+from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
 
@@ -37,7 +36,7 @@ class Tracker:
 
     def __init__(
         self,
-        shape: Shape,
+        shape: Shape | Unknown | Sketch,
         sensor: SensorProfile | str | Mapping[str, SensorProfile | str] | Hand,
         first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
@@ -74,28 +73,22 @@ class Tracker:
         units = None if hand is None else units_of(shape, settings, hand, model, calibration, touch)
         settings = settings or TrackerSettings()
         self._settings = settings
+        self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         self._sensors: Sensors
         if hand is None or units is None:
             of_sensor: Any = (known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
-            self._first = first_pose_of(first_pose, first_pose_sigma, settings)
             warm_up()
             self._sensors = OneSensor(shape, settings, of_sensor, set_up_sigma, is_view_known, graph)
         else:
             if graph is not PUSHING:
                 raise SettingError("graph is an extended model, which has one sensor; a hand has the model of pushing")
-            self._first = first_pose_of(first_pose, first_pose_sigma, settings)
+            if isinstance(shape, Unknown | Sketch):
+                raise SettingError(
+                    "the outline is unknown, and the sensor is a hand; an outline is learnt by one sensor"
+                )
             warm_up(len(hand.fingers))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
-        given = self._sensors.for_filter
-        self._filter = MultiHypothesisFilter(
-            given.model,
-            replace(settings, noise=given.noise),
-            self._first.pose,
-            self._first.covariance,
-            may_be_mirrored=given.may_be_mirrored,
-            compiled=given.compiled,
-            priors_of_fingers=given.priors_of_fingers,
-        )
+        self._filter = self._sensors.estimator(self._first, is_placed=first_pose is not None)
         self._sensors.begin(self._first.pose, self._first.covariance)
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:

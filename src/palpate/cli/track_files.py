@@ -34,6 +34,8 @@ class Way:
     calibration: "palpate.Calibration | Mapping[str, palpate.Calibration] | None" = None
     first_poses: Mapping[str, Start] | None = None
     """Starts by the names of files, in place of one for all."""
+    outline: "palpate.Unknown | palpate.Sketch | None" = None
+    """Outline that is to be learnt, in place of that of the recording."""
 
     def start_of(self, file: Path) -> Start:
         """Return the start of a recording. Raises SettingError if there is none in the table of first poses."""
@@ -44,6 +46,14 @@ class Way:
                 return self.first_poses[name]
         raise SettingError(f"{file}: the table of --first-poses has no row for {file.name}")
 
+    def read(self, file: Path) -> "palpate.BagReading":
+        """Return a recording, and the plane of its push. Raises PalpateError."""
+        from palpate.io import detect_format
+
+        has_outline = file.is_file() and detect_format(file) not in (None, "bag")
+        source = replace(self.source, bag=bag_to_read(self.source.bag, self.outline, not has_outline))
+        return source.read(file)
+
     def about(self, file: Path) -> dict[str, Any]:
         """Return the state of a recording's file and the settings it is tracked by, as plain data."""
         stat = file.stat()
@@ -53,6 +63,7 @@ class Way:
             **asdict(self.source),
             "model": self.model and self.model.hash,
             "calibration": _hash_of(self.calibration),
+            **({} if self.outline is None else {"outline": asdict(self.outline)}),
         }
         about = {"file": str(file.absolute()), "size": stat.st_size, "modified_ns": stat.st_mtime_ns}
         return json.loads(json.dumps({**about, "options": options}, default=str))
@@ -133,7 +144,7 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
     first_pose, sigma = way.start_of(file).pose_and_sigma()
     with new_run(folder, outputs.may_replace) as part:
         logger.info("reading %s", file)
-        recording, plane = way.source.read(file)
+        recording, plane = way.read(file)
         if outputs.mcap:
             nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 
@@ -150,11 +161,10 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
             logger.info("writing %s", folder)
             write_files(run, part, plane, way.about(file), outputs.names())
 
+        start: Any = {"first_pose": first_pose, "first_pose_sigma": sigma, "outline": way.outline}
         model: Any = {"settings": way.settings, "model": way.model, "calibration": way.calibration}
         with progress_bar(file.name, len(recording)) as progress:
-            run = palpate.track(
-                recording, first_pose=first_pose, first_pose_sigma=sigma, **model, progress=progress, keep=keep
-            )
+            run = palpate.track(recording, **start, **model, progress=progress, keep=keep)
         keep(run)
     return run.summary
 

@@ -272,21 +272,26 @@ class MultiHypothesisFilter:
             bank.rows = self._monitor.test_first_contact(bank.rows, tip)
         bank.rows = self._with_places(bank.rows, step)
         bank.rows = bank.rows.with_yaw_held_out(is_observable=measures_pose or not is_round(self._contact_model))
-        bank.window = ContactWindow(
-            self._settings_record,
-            self._contact_model,
-            bank.rows.belief,
-            step,
-            self._lag,
-            self._settings.priors,
-            bank.rows.touch_sign,
-            self._own,
-            self._compiled,
-        )
+        self._begin_window(step)
         bank.drop_lost()
         first_poses = bank.rows.belief.pose[:, None]
         self._test_object_poses(step, first_poses)
         return measures_pose
+
+    def _begin_window(self, step: Step) -> None:
+        """Begin the graph of a contact in all hypotheses."""
+        rows = self._bank.rows
+        self._bank.window = ContactWindow(
+            self._settings_record,
+            self._contact_model,
+            rows.belief,
+            step,
+            self._lag,
+            self._settings.priors,
+            rows.touch_sign,
+            self._own,
+            self._compiled,
+        )
 
     def _with_places(self, rows: Hypotheses, step: Step) -> Hypotheses:
         """Return the hypotheses with the places of the outline at which this contact may have begun."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
 from palpate.checks import without_gradient
-from palpate.config import NoiseSettings, TrackerSettings
+from palpate.config import ANYWHERE_SIGMA, NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError, kept_warnings, one_line
 from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
@@ -20,6 +20,7 @@ from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.check_hand import check_calibrations
 from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.first_release import release_after_start
+from palpate.pipeline.learnt_outline import in_frame_of_truth, outline_scores
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
 from palpate.pipeline.report import reasons_of
 from palpate.touch.calibration import Calibration
@@ -27,6 +28,7 @@ from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
 from palpate.types.choices import TactileChoice
 from palpate.types.estimate import Answers, Estimate, Trajectory
+from palpate.types.outline import Outline, Sketch, Unknown
 
 logger = logging.getLogger(__name__)
 
@@ -55,6 +57,8 @@ class Run:
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
     summary: dict[str, Any]
     """Scores of the online estimates; see `metrics.summarise`."""
+    outline: Outline | None = None
+    """The outline as learnt, if it was unknown or a sketch."""
 
 
 def track(
@@ -65,6 +69,7 @@ def track(
     first_pose_sigma: ArrayLike | None = None,
     model: TouchModel | None = None,
     calibration: Calibration | Mapping[str, Calibration] | None = None,
+    outline: Unknown | Sketch | None = None,
     progress: Callable[[int], None] | None = None,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
@@ -72,8 +77,9 @@ def track(
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
     default see `first_pose_of_recording`. Without a calibration, the untouched gel of a recording that begins in
-    contact is taken from its first release. `progress` is called with the number of frames done. A frame that cannot be
-    used is skipped, see `tracked_frames`.
+    contact is taken from its first release. `outline` takes the place of the recording's, which is then used for scores
+    alone; without a `first_pose`, an unknown one is where it is touched first, see `pipeline.learnt_outline`.
+    `progress` is called with the number of frames done. A frame that cannot be used is skipped, see `tracked_frames`.
 
     Raises SettingError if the recording lacks something that the settings need, EstimationError if no estimate can be
     computed or the first frame cannot be used. If an error or Ctrl-C ends tracking early, it is raised after `keep` was
@@ -82,52 +88,49 @@ def track(
     begin = time.perf_counter()
     total = len(recording)
     settings = settings or TrackerSettings()
-    first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
+    is_placed_by_touch = isinstance(outline, Unknown) and first_pose is None
+    first = np.zeros(3)
+    sigma = np.array(ANYWHERE_SIGMA)
+    if not is_placed_by_touch:
+        first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
     _check_content(recording, settings.tactile)
     check_calibrations(recording, calibration)
-    # Its message is not one of the recording's warnings.
-    if recording.hand is None:
-        warm_up()
-    else:
-        warm_up(len(recording.hand.fingers))
+    warm_up(0 if recording.hand is None else len(recording.hand.fingers))  # its message is not one of the recording's
     with kept_warnings() as warnings:
-        calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
+        if calibration is None and not is_placed_by_touch:
+            calibration = release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
+        shape = outline or recording.shape
+        placed = None if is_placed_by_touch else first
         sensor = recording.hand or recording.sensor
-        tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
-        why = tracker.tactile_reason or "as asked"
+        tracker = Tracker(shape, sensor, placed, settings, model, calibration, **start)
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
-        logger.info("touch is %s: %s", tracker.tactile, why)
+        logger.info("touch is %s: %s", tracker.tactile, tracker.tactile_reason or "as asked")
         logger.info("tracking %d frames of %s", total, recording.sensor.name)
         estimates, step_ms, failure = _estimates_until_failure(tracker, recording, progress)
     if failure is not None:
-        if keep is None or not estimates:
-            raise failure
-        recording = recording.until(len(estimates))
+        recording = _tracked_part(recording, estimates, failure, keep)
     settings = replace(settings, tactile=tracker.tactile)
+    if is_placed_by_touch and estimates:
+        estimates = in_frame_of_truth(estimates, recording.truth)
+        first = estimates[0].pose
     online, answers = gathered(estimates)
-    for sentence in mismatches(recording, online.contact, first, sigma):
+    for sentence in () if outline else mismatches(recording, online.contact, first, sigma):
         warnings.append(sentence)
         logger.warning("%s: %s", recording.file or "the recording", sentence)
     wall_s = time.perf_counter() - begin
     summary = _scores(recording, settings, online, step_ms, wall_s)
-    summary["ambiguous_by_origin"] = ambiguous_by_origin(online.status, answers)
-    summary["innovations"] = innovation_scores([each.innovations for each in estimates], _factors(recording))
-    summary["reasons"] = reasons_of(online.status, online.reason)
-    summary |= {
-        "final_reason": estimates[-1].reason,
-        "warnings": [*recording.warnings, *warnings],
-        "mirrored": tracker.mirrored,
-    }
+    summary |= _scores_of_estimates(recording, estimates, online, answers)
+    summary |= {"warnings": [*recording.warnings, *warnings], "mirrored": tracker.mirrored}
+    learnt = estimates[-1].outline
+    if learnt is not None:
+        summary |= outline_scores(learnt, recording.shape)
     summary["ended"] = _end_of(failure, estimates, total)
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
-    used_model = None
-    if settings.tactile == "learnt":
-        finger = recording.sensor if recording.hand is None else next(iter(recording.hand.fingers.values()))
-        used_model = model or shipped_model(finger.name)
-    run = Run(recording, settings, used_model, calibration, first, sigma, online, answers, step_ms, summary)
+    used_model = _used_model(recording, settings, model)
+    run = Run(recording, settings, used_model, calibration, first, sigma, online, answers, step_ms, summary, learnt)
     if failure is not None and keep:
         keep(run)
         raise failure
@@ -137,6 +140,35 @@ def track(
 def _factors(recording: Recording) -> tuple[str, ...]:
     """Return the names of the factors that a recording is tracked with."""
     return NAMES if recording.hand is None else hand_pushing(len(recording.hand.fingers)).model.names
+
+
+def _used_model(recording: Recording, settings: TrackerSettings, model: TouchModel | None) -> TouchModel | None:
+    """Return the touch model that images were read with; of a hand, that of its first finger."""
+    if settings.tactile != "learnt":
+        return None
+    sensor = recording.sensor if recording.hand is None else next(iter(recording.hand.fingers.values()))
+    return model or shipped_model(sensor.name)
+
+
+def _tracked_part(
+    recording: Recording, estimates: Sequence[Estimate], failure: BaseException, keep: object | None
+) -> Recording:
+    """Return the part of a recording that was tracked before a failure; raises the failure if nobody keeps it."""
+    if keep is None or not estimates:
+        raise failure
+    return recording.until(len(estimates))
+
+
+def _scores_of_estimates(
+    recording: Recording, estimates: Sequence[Estimate], online: Trajectory, answers: Answers
+) -> dict[str, Any]:
+    """Return what a summary says of answers, innovations and reasons."""
+    return {
+        "ambiguous_by_origin": ambiguous_by_origin(online.status, answers),
+        "innovations": innovation_scores([each.innovations for each in estimates], _factors(recording)),
+        "reasons": reasons_of(online.status, online.reason),
+        "final_reason": estimates[-1].reason,
+    }
 
 
 def _check_content(recording: Recording, tactile: TactileChoice) -> None:

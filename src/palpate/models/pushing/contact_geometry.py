@@ -97,6 +97,11 @@ class ContactModel:
     finger: int = 0
     """Number of the finger in a hand."""
 
+    @property
+    def is_learnt(self) -> bool:
+        """True if the outline is a variable."""
+        return False
+
     @cached_property
     def center(self) -> complex:
         """Middle of the parts [m], sensor frame."""
@@ -130,6 +135,10 @@ class ContactModel:
         out = np.empty(g.shape[:2], CONTACT_GEOMETRY)
         _touching(np.ascontiguousarray(g), self.surface, out)
         return out
+
+    def by_outline(self, near: NDArray[np.void]) -> Array:
+        """Return the derivatives (B, N, K) of gaps by variables of the outline, none of a known one."""
+        return np.zeros((*near.shape, 0))
 
     def moved_along(self, g: Array, lengths: Array) -> Array:
         """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, at constant yaw.
@@ -184,7 +193,7 @@ def put_touch(place: complex, turn: complex, surface: Surface, touch: Records) -
         return
     for i in range(len(surface.parts)):
         _put_round(place, turn, surface.parts[i], surface, surface.each[i])
-    _put_mean(surface.each, touch)
+    put_mean(surface.each, touch)
 
 
 @kernel
@@ -200,7 +209,7 @@ def put_touch_of_finger(
     else:
         for i in range(len(surface.parts)):
             _put_round(place, turn, mount + mount_turn * surface.parts[i], surface, surface.each[i])
-        _put_mean(surface.each, touch)
+        put_mean(surface.each, touch)
     touch.material = mount_turn.conjugate() * (touch.material - mount)
     for c in range(3):
         touch.material_by_g[c] *= mount_turn.conjugate()
@@ -232,7 +241,7 @@ def _put_round(place: complex, turn: complex, center: complex, surface: Surface,
 
 
 @kernel
-def _put_mean(parts: Records, touch: Records) -> None:
+def put_mean(parts: Records, touch: Records) -> None:
     """Write the load-weighted mean of the parts' geometries to `touch`."""
     nearest = math.inf
     for i in range(len(parts)):

@@ -1,0 +1,91 @@
+"""`palpate outline`, and the outline of an object that nobody drew as options of `palpate track`."""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import palpate
+from palpate.cli.console import Report
+from palpate.cli.options import Bag, Force, arg
+from palpate.cli.quantities import LENGTH, quantities, quantity
+from palpate.errors import FileError, SettingError
+from palpate.files import new_file
+from palpate.types.outline import Sketch, Unknown
+
+_WORD = "unknown"
+
+
+@dataclass(frozen=True)
+class LearntOutline:
+    """An outline that touch learns: --shape unknown, unknown:50mm-200mm, or a sketch with its sigma."""
+
+    outline_sigma: Annotated[
+        float | None, quantities("--outline-sigma", "M", LENGTH), arg("M", "none; the outline is as drawn")
+    ] = None
+    """Standard deviation of the true outline across that of --shape, a sketch: touch learns the rest [m]."""
+
+    def of(self, bag: Bag) -> Unknown | Sketch | None:
+        """Return the outline that is to be learnt; None for a known one. Raises SettingError."""
+        words = bag.shape or ""
+        is_unknown = words.lower().split(":")[0] == _WORD
+        if self.outline_sigma is None:
+            return _unknown(words) if is_unknown else None
+        if is_unknown or not words:
+            found = f"--shape {words}" if words else "no --shape"
+            raise SettingError(f"--outline-sigma is of a sketch; found {found}, allowed is --shape FILE")
+        return Sketch(palpate.load_shape(words, bag.shape_unit, bag.shape_layer), self.outline_sigma)
+
+
+def _unknown(words: str) -> Unknown:
+    """Return the outline that is meant by `unknown` or `unknown:50mm-200mm`."""
+    _, colon, sizes = words.partition(":")
+    if not colon:
+        return Unknown()
+    match = re.fullmatch(r"([^-]+)-([^-]+)", sizes)
+    if match is None:
+        raise SettingError(f"--shape {words}: allowed is unknown or unknown:LEAST-LARGEST, as unknown:50mm-200mm")
+    least, largest = (quantity(word, LENGTH) for word in match.groups())
+    return Unknown((least, largest))
+
+
+def bag_to_read(bag: Bag, outline: Unknown | Sketch | None, needs_outline: bool) -> Bag:
+    """Return the options by which a file is read: recordings have an outline, bags and folders need one in its place."""
+    if outline is None:
+        return bag
+    if not needs_outline:
+        return replace(bag, shape=None, shape_unit=None, shape_layer=None)
+    if isinstance(outline, Unknown):
+        width = 0.5 * sum(outline.size)
+        return replace(bag, shape=f"{width:g}x{width:g}", shape_unit=None, shape_layer=None)
+    return bag
+
+
+def outline(
+    run: Annotated[Path, arg("RUN")], /, *, out: Annotated[Path, arg("FILE.svg|FILE.json")], force: Force = False
+) -> Report:
+    """Write the outline that a run has learnt as a drawing, with its sigma, to be the --shape of the next run.
+
+    Example: palpate outline runs/push --out part.svg
+
+    Args:
+        run: Folder of a run by palpate track with --shape unknown, or with --outline-sigma.
+        out: The drawing, in millimetres.
+    """
+    from palpate.io.learnt_outlines import draw_outline, read_outline
+    from palpate.pipeline.run_folder import OUTLINE
+
+    path = run / OUTLINE
+    if not path.exists():
+        raise FileError(f"{run}: holds no learnt outline; track with --shape unknown, or --outline-sigma with a sketch")
+    new_file(out, force)
+    learnt = read_outline(path)
+    draw_outline(learnt, out, force)
+    data = {
+        "out": str(out),
+        "width_mm": 1e3 * learnt.shape.extent,
+        "sigma_mm": 1e3 * learnt.sigma,
+        "touched_share": float(learnt.touched.mean()),
+    }
+    note = f"next time: --shape {out} --outline-sigma {1e3 * learnt.sigma:.1f}mm"
+    return Report(out.name, data, notes=[note])

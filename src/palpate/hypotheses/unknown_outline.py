@@ -1,0 +1,233 @@
+"""Filter of an object whose outline is unknown, or known as a sketch: its outline is a variable with a band.
+
+The outline is a curve and heights across it. When a contact begins, and where a contact shows that the outline is
+elsewhere or turned by more than the heights describe, the curve takes over the heights of the best hypothesis.
+
+Without a drawing, the object frame is what the first contact makes it: its origin is some way in front of the tip,
+its x axis along the direction of contact.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.arrays import Array, Flags
+from palpate.config import FrictionConeSettings, TrackerSettings
+from palpate.geometry import se2
+from palpate.geometry.closed_curve import KNOTS, POINTS, best_pole
+from palpate.hypotheses.consistency import ConsistencyMonitor
+from palpate.hypotheses.filter import MultiHypothesisFilter
+from palpate.hypotheses.posterior import Posterior
+from palpate.hypotheses.rest import Graph
+from palpate.hypotheses.rows import Hypotheses
+from palpate.hypotheses.weigher import Weigher
+from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.outline_change import changed_outline
+from palpate.models.pushing.outline_prior import OUTLINE_PLACE, deviation_at_points, outline_prior, with_friction
+from palpate.models.pushing.outline_variable import OUTLINE
+from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.settings import settings_record
+from palpate.models.pushing.unknown_outline import OUTLINE_PUSHING, OutlineContactModel, outline_contact_model
+from palpate.models.pushing.window import ContactWindow
+from palpate.types.measurements import Frame, Measurement
+from palpate.types.outline import Outline, Sketch, Unknown
+from palpate.types.sensor import SensorProfile
+
+logger = logging.getLogger(__name__)
+
+GAUGE = (1e-4, 1e-4, 1e-4)
+"""[m, m, rad] Standard deviations of the pose that defines an object frame."""
+_HIGHEST = 2e-3
+"""[m] Height across the curve at the contact from which the curve is made anew."""
+_STEEPEST = 0.12
+"""[rad] Angle between curve and outline at the contact from which the curve is made anew."""
+_MOST_CURVES = 5
+"""Curves that a contact may need until heights and angle are small, at its first frame."""
+_NEAR = 6.0
+"""Knots from a contact from which the curve stays as it was while the contact lasts."""
+_LAG = 120
+"""Steps in a window: what leaves it is linearised once and for all, which makes an outline that is hardly known too
+sure."""
+_CONE = 2.5
+"""Factor on the share of the friction cone: where the centre of friction is hardly known, so is the force."""
+_POLE_OFF = 0.25
+"""Distance of a better pole from which it is taken, as a share of the mean distance of the outline from the pole."""
+_PATCH = 2
+"""Points to either side of the place of contact that count as touched."""
+
+
+class UnknownOutlineFilter(MultiHypothesisFilter):
+    """Estimates pose and outline of one object; see `MultiHypothesisFilter`."""
+
+    def __init__(
+        self,
+        given: Unknown | Sketch,
+        sensor: SensorProfile,
+        settings: TrackerSettings,
+        first_pose: Array | None,
+        first_covariance: Array,
+        may_be_mirrored: bool = False,
+    ) -> None:
+        """Take what is known of the outline, and the first world_T_object (3,); None is where it is touched first."""
+        self._sensor = sensor
+        self._given = given
+        self._outline_prior = outline_prior(given)
+        self._first_model = outline_contact_model(self._outline_prior.curve, sensor)
+        self._is_placed_by_touch = first_pose is None
+        pose = np.zeros(3) if first_pose is None else first_pose
+        noise = replace(
+            settings.noise,
+            friction_cone=_wider(settings.noise.friction_cone),
+        )
+        settings = replace(settings, noise=noise)
+        super().__init__(self._first_model, settings, pose, first_covariance, may_be_mirrored, OUTLINE_PUSHING)
+        self._lag = max(self._lag, _LAG)
+
+    def begin(self, pose: Array, covariance: Array) -> None:
+        """Begin with what is given of the outline, and the object's pose (3,) with its covariance (3, 3)."""
+        self._contact_model = self._first_model
+        self._usual = object_prior(self._settings.priors, self._compiled.model)
+        self._prior = self._usual
+        super().begin(pose, covariance)
+        rows = self._bank.rows
+        joint = rows.belief.covariance[0].copy()
+        at = slice(3 + OUTLINE_PLACE.start, 3 + OUTLINE_PLACE.stop)
+        joint[at, at] = self._outline_prior.covariance
+        self._is_placed = not self._is_placed_by_touch
+        if self._is_placed and isinstance(self._given, Unknown):
+            joint[:3, :3] = np.diag(np.square(GAUGE))
+        belief = replace(rows.belief, covariance=joint[None])
+        belief = with_friction(belief, self._first_model.curve, self._usual)
+        self._bank.rows = replace(rows, belief=belief)
+        deviation = np.sqrt(belief.covariance[0].diagonal()[3:])
+        deviation[OUTLINE_PLACE] = OUTLINE.prior[1]  # heights are from the present curve, which says how usual they are
+        self._prior = replace(self._usual, deviation=deviation)
+        self._weigher = Weigher(self._prior)
+        self._use(self._first_model)
+        self._is_found = True
+        self._touched_points: Flags = np.zeros(POINTS, np.bool_)
+
+    def step(
+        self, frame: Frame, from_touch: Sequence[Measurement] = (), hidden_motion: float = 0.0, sunk: float = 0.0
+    ) -> Posterior:
+        """Take a frame, and return the posterior with the outline; see `MultiHypothesisFilter`."""
+        posterior = super().step(frame, from_touch, hidden_motion, sunk)
+        return replace(posterior, outline=self._outline())
+
+    def _outline(self) -> Outline:
+        """Return the outline of the best hypothesis with its band."""
+        belief = self._bank.rows.belief
+        curve = self._contact_model.curve.moved(belief.values[0, OUTLINE_PLACE])
+        nearest = np.rint(curve.evenly()).astype(int) % POINTS
+        points = curve.points[nearest]
+        deviation = deviation_at_points(belief.covariance[0], curve)
+        at = np.column_stack((points.real, points.imag))
+        return Outline(at, deviation[nearest], self._touched_points[nearest])
+
+    def _use(self, model: OutlineContactModel) -> None:
+        """Take another contact model."""
+        self._contact_model = model
+        self._settings_record = settings_record(self._settings, model)
+        self._monitor = ConsistencyMonitor(model, self._settings, self._prior)
+        self._rest_graph = Graph(self._settings_record, model, self._own, self._compiled)
+
+    def _begin_contact(self, step: Step) -> bool:
+        if not self._is_placed:
+            self._place(step)
+        self._take_over(self._bank.rows.belief.values[0, OUTLINE_PLACE], may_move_pole=True)
+        rows = self._bank.rows
+        belief = with_friction(rows.belief, self._contact_model.curve, self._usual)
+        self._bank.rows = replace(rows, belief=belief)
+        return super()._begin_contact(step)
+
+    def _begin_window(self, step: Step) -> None:
+        """Begin the graph of a contact, anew from a nearer curve until heights and angle at the contact are small."""
+        for _ in range(_MOST_CURVES):
+            super()._begin_window(step)
+            window = self._bank.window
+            assert window is not None
+            if window.rows["is_lost"][0] or not self._is_far(window):
+                break
+            self._take_over(window.belief().values[0, OUTLINE_PLACE])
+        self._mark()
+
+    def _continue_contact(self, step: Step, window: ContactWindow) -> bool:
+        measures_pose = super()._continue_contact(step, window)
+        if self._is_far(window):
+            near = _near(int(window.last(0)["touch"]["knot"]) + 1)
+            heights = near * window.belief().values[0, OUTLINE_PLACE]
+            change = changed_outline(self._contact_model, heights, self._sensor)
+            self._use(change.model)
+            window.change_outline(change, self._settings_record)
+        self._mark()
+        return measures_pose
+
+    def _with_places(self, rows: Hypotheses, step: Step) -> Hypotheses:
+        return replace(rows, belief=rows.belief.inflated(np.diag(np.square(self._settings.first_pose.rest))))
+
+    def _place(self, step: Step) -> None:
+        """Put the object where it is touched first, in all hypotheses."""
+        rows = self._bank.rows
+        directions = step.directions(rows.belief, rows.touch_sign)
+        ahead = directions[0][0] if directions else np.zeros(len(rows))
+        radius = abs(self._first_model.curve.points[POINTS // 2])
+        tip = se2.transform(step.sensor_pose, self._sensor.center)
+        way = step.sensor_pose[2] + ahead
+        reach = self._sensor.radius + radius
+        pose = np.column_stack((tip[0] + reach * np.cos(way), tip[1] + reach * np.sin(way), way))
+        joint = rows.belief.covariance.copy()
+        joint[:, :3, :3] = np.diag(np.square(GAUGE))
+        self._bank.rows = replace(rows, belief=replace(rows.belief, pose=pose, covariance=joint))
+        self._is_placed = True
+
+    def _is_far(self, window: ContactWindow) -> bool:
+        """Return True if the outline at the contact of the best hypothesis is far from the curve, or turned."""
+        touch = window.last(0)["touch"]
+        heights = window.rows["shared"][0, -(OUTLINE_PLACE.stop - OUTLINE_PLACE.start) :]
+        knots = (int(touch["knot"]) + np.arange(4)) % len(heights)
+        height = float(touch["weights"] @ heights[knots])
+        reach = abs(complex(touch["point"]) - self._contact_model.curve.pole)
+        per_knot = max(reach, _HIGHEST) * 2.0 * np.pi / len(heights)
+        slope = float(touch["slopes"] @ heights[knots]) / per_knot
+        return abs(height) > _HIGHEST or abs(slope) > _STEEPEST
+
+    def _take_over(self, heights: Array, may_move_pole: bool = False) -> None:
+        """Make the curve anew with these heights (K,), and let the beliefs before this contact read by it."""
+        if not heights.any():
+            return
+        pole = self._better_pole(heights) if may_move_pole else None
+        change = changed_outline(self._contact_model, heights, self._sensor, pole)
+        self._bank.rows = replace(self._bank.rows, belief=change.belief(self._bank.rows.belief))
+        if pole is not None:
+            before = self._contact_model.curve
+            angle = np.angle(change.model.curve.points - before.pole)
+            self._touched_points = self._touched_points[np.rint(angle * (POINTS / (2.0 * np.pi))).astype(int) % POINTS]
+        self._use(change.model)
+
+    def _better_pole(self, heights: Array) -> complex | None:
+        """Return a pole from which the outline with these heights (K,) is seen better; None if the present one is."""
+        curve = self._contact_model.curve.moved(heights)
+        pole = best_pole(curve.points, complex(*curve.shape.centroid.tolist()))
+        limit = _POLE_OFF * float(np.mean(curve.radii))
+        return pole if abs(pole - curve.pole) > limit else None
+
+    def _mark(self) -> None:
+        """Mark the place of contact of the best hypothesis as touched."""
+        window = self._bank.window
+        if window is None:
+            return
+        point = complex(window.last(0)["touch"]["point"])
+        nearest = int(np.rint(np.angle(point - self._contact_model.curve.pole) * (POINTS / (2.0 * np.pi))))
+        self._touched_points[(nearest + np.arange(-_PATCH, _PATCH + 1)) % POINTS] = True
+
+
+def _near(knot: int) -> Array:
+    """Return the shares (K,) of heights that a contact at a knot shows: all near it, none far away."""
+    apart = np.abs((np.arange(KNOTS) - knot + KNOTS // 2) % KNOTS - KNOTS // 2)
+    return np.clip((_NEAR - apart) / (0.5 * _NEAR), 0.0, 1.0)
+
+
+def _wider(cone: FrictionConeSettings) -> FrictionConeSettings:
+    return cone if cone.share is None else replace(cone, share=_CONE * cone.share)

@@ -1,0 +1,63 @@
+"""Scores of an outline that was learnt by touch, and of poses in an object frame that touch has made.
+
+Without a drawing the object frame is what the first contact makes it. It is put where ground truth has the object at
+the first frame of contact with truth, once for all frames: errors are those of the motion since.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.arrays import Array
+from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
+from palpate.types.estimate import Estimate
+from palpate.types.outline import Outline
+
+
+def in_frame_of_truth(estimates: Sequence[Estimate], truth: Array) -> list[Estimate]:
+    """Return the estimates with the object frame of the truth (N, 3), as it was at the first contact."""
+    both = [k for k, one in enumerate(estimates) if one.contact and np.isfinite(truth[k]).all()]
+    if not both:
+        return list(estimates)
+    first = both[0]
+    other = se2.between(estimates[first].pose, truth[first])  # the frame of the truth in that of the estimates
+    motion = se2.adjoint(se2.inverse(other))
+    moved: list[Estimate] = []
+    for one in estimates:
+        answers = tuple(
+            replace(
+                answer,
+                pose=se2.compose(answer.pose, other),
+                covariance=motion @ answer.covariance @ motion.T,
+            )
+            for answer in one.answers
+        )
+        outline = one.outline
+        if outline is not None:
+            outline = replace(outline, points=se2.transform(se2.inverse(other), outline.points))
+        pose = se2.compose(one.pose, other)
+        covariance = motion @ one.covariance @ motion.T
+        moved.append(replace(one, pose=pose, covariance=covariance, answers=answers, outline=outline))
+    return moved
+
+
+def outline_scores(outline: Outline, shape: Shape | None) -> dict[str, float | None]:
+    """Return scores of an outline: how much of it was touched, and where the true one is known, how far it is off.
+
+    `outline_rms_mm` is the root mean square of the distances of touched points from the true outline, of all points in
+    `outline_all_rms_mm`; `outline_in_95` are the shares of all points that are within 1.96 standard deviations of it.
+    """
+    scores: dict[str, float | None] = {
+        "outline_touched_share": float(outline.touched.mean()),
+        "outline_sigma_mm": 1e3 * outline.sigma,
+    }
+    if shape is None:
+        return scores
+    off = np.abs(shape.signed_distance(outline.points))
+    touched = off[outline.touched]
+    scores["outline_rms_mm"] = 1e3 * float(np.sqrt(np.mean(touched**2))) if len(touched) else None
+    scores["outline_all_rms_mm"] = 1e3 * float(np.sqrt(np.mean(off**2)))
+    scores["outline_in_95"] = float(np.mean(off <= 1.96 * outline.deviation))
+    return scores
