@@ -50,7 +50,7 @@ def _unknown(words: str) -> Unknown:
 
 
 def bag_to_read(bag: Bag, outline: Unknown | Sketch | None, needs_outline: bool) -> Bag:
-    """Return the options by which a file is read: recordings have an outline, bags and folders need one in its place."""
+    """Return the options by which a file is read: recordings have an outline, others need one in its place."""
     if outline is None:
         return bag
     if not needs_outline:

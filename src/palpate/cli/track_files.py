@@ -11,6 +11,7 @@ from typing import Any
 
 import palpate
 from palpate.cli.console import complain, progress_bar, progress_log
+from palpate.cli.learnt_outline import bag_to_read
 from palpate.cli.options import Start
 from palpate.cli.quantities import ANGLE, LENGTH, quantity
 from palpate.cli.sources import Source
