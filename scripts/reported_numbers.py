@@ -234,13 +234,14 @@ def speed() -> Iterator[Row]:
         "one-answer_p99_ms": "the same, 99th percentile [ms]",
         "rest_p50_ms": "the object rests [ms]",
         "eight-answers_p50_ms": "several hypotheses [ms]",
-        "from-jpeg_p50_ms": "one hypothesis, from JPEG on [ms]",
+        "answers_in_eight": "their mean number",
         "first-image_mb": "memory at the first image [MB]",
         "start_s": "start to the first estimate [s]",
         "first-ever-start_s": "the same, before anything is compiled [s]",
         "two-threads": "speed of two trackers in two threads [of one]",
     }
-    found = {row["name"]: row for row in loaded("docs/study/speed.json")["cases"]}
+    content = loaded("docs/study/speed.json")
+    found = {row["name"]: row for row in (*content["cases"], *content["more_rounds"])}
     yield from ({**found[key], "name": name} for key, name in names.items())
 
 

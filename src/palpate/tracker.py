@@ -64,7 +64,7 @@ class Tracker:
         calibration or `is_view_known` says that images are upright, the tracker finds out if they are. `graph` are the
         variables and factors: those of pushing, or of a model that extends it.
 
-        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 20 s to
+        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 40 s to
         compile it.
         """
         check_arguments(shape, settings, model, calibration, touch)
@@ -191,6 +191,6 @@ class Tracker:
 def warm_up() -> None:
     """Load all machine code, or make it where there is none yet; once in a process."""
     if path_of(PUSHING.improve) is None:
-        logger.warning("compiling the estimator: once for this version, some 20 s")
+        logger.warning("compiling the estimator: once for this version, some 40 s")
     for function in EVERY:
         function.load()
