@@ -244,6 +244,24 @@ def step_times() -> Iterator[Row]:
     yield from ({**case, "name": names[case["name"]]} for case in cases if case["name"] in names)
 
 
+def speed() -> Iterator[Row]:
+    """Yield a row for each number of a version beside that of another one."""
+    names = {
+        "one-answer_p50_ms": "one hypothesis, in contact [ms]",
+        "one-answer_p99_ms": "the same, 99th percentile [ms]",
+        "rest_p50_ms": "the object rests [ms]",
+        "eight-answers_p50_ms": "several hypotheses [ms]",
+        "answers_in_eight": "their mean number",
+        "first-image_mb": "memory at the first image [MB]",
+        "start_s": "start to the first estimate [s]",
+        "first-ever-start_s": "the same, before anything is compiled [s]",
+        "two-threads": "speed of two trackers in two threads [of one]",
+    }
+    content = loaded("docs/study/speed.json")
+    found = {row["name"]: row for row in (*content["cases"], *content["more_rounds"])}
+    yield from ({**found[key], "name": name} for key, name in names.items())
+
+
 def long_runs() -> Iterator[Row]:
     """Yield a row for each run of a hundred thousand frames."""
     for name, run in loaded("docs/study/long.json").items():
@@ -375,6 +393,7 @@ TABLES: dict[str, Table] = {
         },
         tails,
     ),
+    "speed": Table({"": "{name}", "before": "{old:.2f}", "now": "{new:.2f}", "ratio": "{ratio:.2f}"}, speed),
     "rim": Table(
         {
             "contact": "{name}",

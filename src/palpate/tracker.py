@@ -64,7 +64,7 @@ class Tracker:
         rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out. Images of a
         hand are taken as upright; unless `is_view_known`, the tracker finds out if two fingers are exchanged.
 
-        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 20 s to
+        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 40 s to
         compile it.
         """
         hand = hand_of(sensor, mounts)
@@ -175,6 +175,6 @@ def warm_up(fingers: int = 0) -> None:
     """
     graph = hand_pushing(fingers) if fingers else PUSHING
     if path_of(graph.improve) is None:
-        logger.warning("compiling the estimator: once for this version, some 20 s")
+        logger.warning("compiling the estimator: once for this version, some 40 s")
     for function in EVERY:
         function.load()

@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
@@ -31,7 +32,9 @@ WITH_PALPATE = PACKAGE / "compiled" / "libraries"
 """Folder of libraries that come with palpate."""
 LEVELS = {"x86-64-v4": ({"X86_V4"}, {"AVX512_SKX"}), "x86-64-v3": ({"X86_V3"}, {"AVX2", "FMA3"}), "generic": (set(),)}
 """Levels of processors that there is code for, as LLVM names them, the best first, each with sets of features of which
-one is enough, as NumPy names them. Code for the last one runs on all of a kind, in one and a half of the time."""
+one is enough, as NumPy names them. Code for the last one runs on all of a kind; its loops over images take two to
+three times as long as with AVX2."""
+_KEPT_DAYS = 30  # for which code of other versions of palpate is kept
 _IMPORT = re.compile(r"^(?:from|import) (palpate[\w.]*)", re.MULTILINE)
 _DIGEST = 32  # bytes of a hash
 
@@ -60,7 +63,7 @@ def path_of(compiled: "Compiled") -> Path | None:
 
 
 def make(compiled: "Compiled", folder: Path, level: str) -> Path:
-    """Make the library of a function for a level of processors, in place of older ones in a folder; return its path.
+    """Make the library of a function for a level of processors in a folder, and return its path.
 
     Raises FileError where it cannot be written.
     """
@@ -70,8 +73,9 @@ def make(compiled: "Compiled", folder: Path, level: str) -> Path:
     path = folder / f"{_stem(compiled, level)}{suffix}"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for old in folder.glob(f"{compiled.name}-{level}-*"):
-            old.unlink(missing_ok=True)
+        for other in folder.glob(f"{compiled.name}-{level}-*"):
+            if time.time() - other.stat().st_mtime > _KEPT_DAYS * 24 * 3600:
+                other.unlink(missing_ok=True)
         with whole_file(path, overwrite=True) as part:
             part.write_bytes(made + hashlib.sha256(made).digest())
     except OSError as error:
