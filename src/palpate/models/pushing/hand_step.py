@@ -17,6 +17,7 @@ from palpate.models.pushing.force import NEIGHBOURS, eased, make_motion
 from palpate.models.pushing.step import SHARE_OF_SINKING, go_on
 from palpate.models.pushing.variables import GRIP
 
+
 @kernel
 def prepare_hand_step(now: Records, surfaces: Any) -> None:
     """Write rotations, the contact geometry of each finger, and that of the hand."""
