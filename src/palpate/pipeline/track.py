@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -40,9 +40,8 @@ class Run:
     """Settings of the tracker; `tactile` is the chosen source if auto was given."""
     model: TouchModel | None
     """Touch model, if touch was learnt."""
-    calibration: Calibration | Mapping[str, Calibration] | None
-    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact; of a
-    hand those that were given, by finger."""
+    calibration: Calibration | None
+    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact."""
     first_pose: Array
     """world_T_object at the start, (3,) [m, m, rad]."""
     first_pose_sigma: Array
@@ -55,6 +54,8 @@ class Run:
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
     summary: dict[str, Any]
     """Scores of the online estimates; see `metrics.summarise`."""
+    calibrations: Mapping[str, Calibration] = field(default_factory=dict)
+    """Calibrations of a hand's fingers that were given."""
 
 
 def track(
@@ -91,11 +92,13 @@ def track(
     else:
         warm_up(len(recording.hand.fingers))
     with kept_warnings() as warnings:
-        calibration = calibration or release_after_start(recording, first, sigma, settings.tactile)
+        of_fingers = calibration if isinstance(calibration, Mapping) else {}
+        unit = None if isinstance(calibration, Mapping) else calibration
+        unit = unit or release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
         sensor = recording.hand or recording.sensor
-        tracker = Tracker(recording.shape, sensor, first, settings, model, calibration, **start)
+        tracker = Tracker(recording.shape, sensor, first, settings, model, of_fingers or unit, **start)
         why = tracker.tactile_reason or "as asked"
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, why)
@@ -127,7 +130,7 @@ def track(
     if settings.tactile == "learnt":
         finger = recording.sensor if recording.hand is None else next(iter(recording.hand.fingers.values()))
         used_model = model or shipped_model(finger.name)
-    run = Run(recording, settings, used_model, calibration, first, sigma, online, answers, step_ms, summary)
+    run = Run(recording, settings, used_model, unit, first, sigma, online, answers, step_ms, summary, of_fingers)
     if failure is not None and keep:
         keep(run)
         raise failure

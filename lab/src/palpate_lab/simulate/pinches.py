@@ -134,8 +134,9 @@ class _Gripper:
         path = path[: self.left]
         if not len(path):
             return
-        way = np.broadcast_to(self._closing if closing is None else closing, np.shape(closing) or len(path))
-        way = way[: len(path)]
+        way = np.full(len(path), self._closing)
+        if closing is not None:
+            way[:] = closing if isinstance(closing, float) else closing[: len(path)]
         self.left -= len(path)
         self._closing = float(way[-1])
         fingers = se2.compose(path[:, None], closed(self._mounts, way))
