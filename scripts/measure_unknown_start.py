@@ -40,19 +40,25 @@ def judged(file: Path) -> dict[str, bool]:
     """Return the verdict on a recording from an unknown start, and from the true first pose."""
     recording = palpate.load_recording(file)
     assert recording.object_pose is not None
-    rng = np.random.default_rng(zlib.crc32(file.stem.encode()))
+    found, honest = tracked(recording, drawn_first_pose(recording, file.stem), SIGMA)
+    return {"found": found, "honest": honest, "found_if_told": tracked(recording, recording.object_pose[0], KNOWN)[0]}
+
+
+def drawn_first_pose(recording: palpate.Recording, name: str) -> np.ndarray:
+    """Return a first pose within REACH of the true one, at any yaw, that the recording's name determines."""
+    assert recording.object_pose is not None
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
     offset = rng.normal(size=2)
     yaw = rng.uniform(-np.pi, np.pi)
     offset *= REACH * np.sqrt(rng.uniform()) / np.hypot(*offset)
     first = se2.compose(recording.object_pose[0], turn_about(recording.shape.centroid, yaw))
     first[:2] += offset
-    found, honest = tracked(recording, first, SIGMA)
-    return {"found": found, "honest": honest, "found_if_told": tracked(recording, recording.object_pose[0], KNOWN)[0]}
+    return first
 
 
 def tracked(recording: palpate.Recording, first: np.ndarray, sigma: tuple[float, float, float]) -> tuple[bool, bool]:
     """Return if the object is found after three contacts, and if the answer is honest."""
-    tracker = palpate.Tracker(recording.shape, recording.sensor, first, first_pose_sigma=sigma)
+    tracker = palpate.Tracker(recording.shape, recording.hand or recording.sensor, first, first_pose_sigma=sigma)
     ends: list[tuple[palpate.Estimate, np.ndarray]] = []
     before = None
     for frame in recording:

@@ -25,6 +25,8 @@ def hand_file(tmp_path_factory, command):
     )
     (path,) = folder.glob("*.mcap")
     pushed = palpate.load_recording(path)
+    assert pushed.images is not None and pushed.hand is not None
+    palpate.Tracker(pushed.shape, pushed.hand, None)  # compiles, if nothing has, before a command counts the minutes
     for name, (sensor, poses) in zip(pushed.images, pushed.tips(), strict=True):
         one = palpate.Recording(pushed.time, poses, pushed.shape, sensor, pushed.object_pose, image=pushed.images[name])
         palpate.write_recording(one, folder / name)
@@ -38,9 +40,11 @@ def test_tracking_needs_no_option_and_shows_both_fingers(hand_file, succeeds, tm
     assert "final pose" in said and Path("push.gif").stat().st_size > 10_000
     summary = json.loads(Path("run/summary.json").read_text())
     assert summary["tactile"] == "learnt" and summary["final_translation_error_mm"] < 10.0
-    data = json.loads(re.search(r"const run = (.*);\n", Path("run/page.html").read_text())[1])
+    (data,) = map(json.loads, re.findall(r"const run = (.*);\n", Path("run/page.html").read_text()))
     left, right = (tip["pose"][0] for tip in data["tips"])
-    (_, y, _), (_, other_y, _) = palpate.load_recording(hand_file).hand.mounts.values()
+    hand = palpate.load_recording(hand_file).hand
+    assert hand is not None
+    (_, y, _), (_, other_y, _) = hand.mounts.values()
     assert ((left[0] - right[0]) ** 2 + (left[1] - right[1]) ** 2) ** 0.5 == pytest.approx(
         1e3 * (y - other_y), abs=0.01
     )

@@ -55,7 +55,7 @@ def test_contact_flags_of_fingers_without_images():
         ({"images": PICTURES}, "images: found list, expected a dictionary by name of finger"),
         ({"images": {"left": PICTURES, "right": PICTURES}}, "finger 'right': found 12 images for 4"),
         ({"image_time": {"left": TIME, "right": TIME[::3] + 1e6}}, "finger 'right'.*one clock"),
-        ({"sensor": "digit"}, "image_time: found values by finger for one sensor"),
+        ({"sensor": "digit"}, "images: found values by finger for one sensor"),
         ({"contact": [True]}, "contact: found list"),
     ],
 )

@@ -68,7 +68,7 @@ def checked_images(images: Any, count: int, sensor: SensorProfile, name: str = "
 
 
 def at_frame(hand: Hand, fields: Mapping[str, Mapping[str, Any]], index: int, where: str) -> dict[str, Any]:
-    """Return what the fields say of one frame, as `palpate.Frame` takes it; `where` names the recording in errors.
+    """Return the values of the fields at one frame, as `palpate.Frame` takes them; `where` is the recording in errors.
 
     Raises FileError if an image is damaged.
     """

@@ -30,7 +30,7 @@ _TOGETHER = 8_000_000  # [ns] by which an image may be later than the frame it g
 
 @dataclass(frozen=True, eq=False)
 class OfFinger:
-    """What came from one finger, in the order of time."""
+    """Images and flags of one finger, in the order of time."""
 
     name: str
     """Name of its images for errors, as a topic."""
@@ -51,7 +51,7 @@ def hand_fields(
     hand: Hand,
     codec: Codec = "jpeg",
 ) -> tuple[dict[str, Any], Plane]:
-    """Return what fingers gave as fields of a `Recording` of a hand, all but its shape and names, and the plane.
+    """Return images and flags of fingers as fields of a `Recording`, all but its shape and names, and the plane.
 
     `poses_at` returns the hand's poses, and the object's if they are known, at times [ns]. Raises FileError.
     """
@@ -115,13 +115,6 @@ def _warn_of_left_out(came: OfFinger, taken: int) -> None:
         logger.warning("%s: %d of %d images are in no frame", came.name, left_out, len(came.time))
 
 
-def check_one_sensor(**given: Any) -> None:
-    """Raise FileError if values of one sensor are given by finger."""
-    for name, value in given.items():
-        if isinstance(value, Mapping):
-            raise FileError(f"{name}: found values by finger for one sensor; allowed are those of a palpate.Hand")
-
-
 def of_fingers(hand: Hand, image_time: Any, images: Any, contact: Any, time_offset: float) -> dict[str, OfFinger]:
     """Return arrays of a user by finger, each in the order of time; one array of times is of all fingers.
 
@@ -148,7 +141,7 @@ def of_fingers(hand: Hand, image_time: Any, images: Any, contact: Any, time_offs
 def _checked(
     finger: str, profile: SensorProfile, image_time: Any, images: Any, contact: Any, time_offset: float
 ) -> OfFinger:
-    """Return what a user gave of one finger."""
+    """Return the checked arrays of one finger."""
     name = f"images of finger {finger!r}"
     time = nanoseconds(f"image_time of finger {finger!r}", image_time, least=1e-3)
     if images is not None and not profile.image_height:

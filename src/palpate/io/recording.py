@@ -17,7 +17,7 @@ from palpate.geometry import se2
 from palpate.geometry.shapes import Shape, check_outline
 from palpate.io import fingers
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
-from palpate.io.hand_frames import check_one_sensor, hand_fields, of_fingers
+from palpate.io.hand_frames import hand_fields, of_fingers
 from palpate.io.time_order import in_order
 from palpate.types.choices import Normal, Placement
 from palpate.types.hand import Hand
@@ -196,7 +196,8 @@ class Recording:
                 given = of_fingers(sensor, image_time, images, contact, time_offset)
                 fields, _ = hand_fields(name, "world", given, placed, placement, sensor, codec)
             return cls(**fields, shape=shape, source=source, warnings=tuple(warnings))
-        check_one_sensor(image_time=image_time, images=images, contact=contact)
+        if isinstance(image_time, Mapping) or isinstance(images, Mapping) or isinstance(contact, Mapping):
+            raise FileError("images: found values by finger for one sensor; allowed are those of a palpate.Hand")
         sensor = known_sensor(sensor)
         time = nanoseconds("image_time", image_time, least=1e-3)
         given_images, flags = _images_and_contact(images, contact, len(time), sensor)

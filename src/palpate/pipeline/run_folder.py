@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -71,10 +71,8 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _files_of(calibration: Calibration | Mapping[str, Calibration] | None) -> Any:
-    """Return the file of a calibration, or of those of a hand by finger; None where there is none."""
-    if isinstance(calibration, Mapping):
-        return {name: _files_of(each) for name, each in calibration.items()}
+def _file_of(calibration: Calibration | None) -> str | None:
+    """Return the file of a calibration; None where there is none."""
     return str(calibration.file.absolute()) if calibration and calibration.file else None
 
 
@@ -92,11 +90,12 @@ def write_files(
     space = plane or flat()
     online = run.online
     recording_file = run.recording.file
+    of_fingers = {name: _file_of(each) for name, each in run.calibrations.items()}
     settings = {
         "palpate": palpate.__version__,
         "source": run.recording.source,
         "model": None if run.model is None else {"folder": str(run.model.folder), "hash": run.model.hash},
-        "calibration": _files_of(run.calibration),
+        "calibration": of_fingers or _file_of(run.calibration),
         "first_pose": run.first_pose.tolist(),
         "first_pose_sigma": run.first_pose_sigma.tolist(),
         "recording": RECORDING if recording_file is None else str(recording_file.absolute()),

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -42,9 +42,8 @@ class Run:
     """Settings of the tracker; `tactile` is the chosen source if auto was given."""
     model: TouchModel | None
     """Touch model, if touch was learnt."""
-    calibration: Calibration | Mapping[str, Calibration] | None
-    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact; of a
-    hand those that were given, by finger."""
+    calibration: Calibration | None
+    """Calibration of the sensor unit: as given, or from the first release of a recording that began in contact."""
     first_pose: Array
     """world_T_object at the start, (3,) [m, m, rad]."""
     first_pose_sigma: Array
@@ -57,6 +56,8 @@ class Run:
     """Time of each `Tracker.update`, without reading and decoding the frame, (N,) [ms]."""
     summary: dict[str, Any]
     """Scores of the online estimates; see `metrics.summarise`."""
+    calibrations: Mapping[str, Calibration] = field(default_factory=dict)
+    """Calibrations of a hand's fingers that were given."""
     outline: Outline | None = None
     """The outline as learnt, if it was unknown or a sketch."""
 
@@ -97,14 +98,16 @@ def track(
     check_calibrations(recording, calibration)
     warm_up(0 if recording.hand is None else len(recording.hand.fingers))  # its message is not one of the recording's
     with kept_warnings() as warnings:
-        if calibration is None and not is_placed_by_touch:
-            calibration = release_after_start(recording, first, sigma, settings.tactile)
+        of_fingers = calibration if isinstance(calibration, Mapping) else {}
+        unit = None if isinstance(calibration, Mapping) else calibration
+        if unit is None and not is_placed_by_touch:
+            unit = release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
         shape = outline or recording.shape
         placed = None if is_placed_by_touch else first
         sensor = recording.hand or recording.sensor
-        tracker = Tracker(shape, sensor, placed, settings, model, calibration, **start)
+        tracker = Tracker(shape, sensor, placed, settings, model, of_fingers or unit, **start)
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, tracker.tactile_reason or "as asked")
         logger.info("tracking %d frames of %s", total, recording.sensor.name)
@@ -130,7 +133,9 @@ def track(
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
     used_model = _used_model(recording, settings, model)
-    run = Run(recording, settings, used_model, calibration, first, sigma, online, answers, step_ms, summary, learnt)
+    run = Run(
+        recording, settings, used_model, unit, first, sigma, online, answers, step_ms, summary, of_fingers, learnt
+    )
     if failure is not None and keep:
         keep(run)
         raise failure

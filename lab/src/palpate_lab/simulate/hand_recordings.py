@@ -35,7 +35,7 @@ _OF_FINGER = ("normal_force", "tangential_force", "slip", "indentation", "pad_an
 
 @dataclass(frozen=True)
 class _Drawn:
-    """What is drawn for one finger."""
+    """Draws of one finger."""
 
     unit: SensorUnit
     errors: SetUpErrors | None
@@ -122,7 +122,7 @@ class HandSimulation(Simulation):
         return Hand(dict.fromkeys(names, self.sensor), mounts)
 
     def _truth(self, motion: Motion, drawn: dict[str, _Drawn]) -> dict[str, Any]:
-        """Return what the simulator knows of each frame, of each finger by NAME/VALUE: see `Simulation`."""
+        """Return forces, angles and exact poses of each frame, of each finger by NAME/VALUE: see `Simulation`."""
         extra: dict[str, Any] = {}
         for index, (name, finger) in enumerate(drawn.items()):
             own = motion.of_finger(index)

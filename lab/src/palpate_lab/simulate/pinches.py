@@ -79,7 +79,7 @@ def draw_pinches(
     world = World(settings, shape, hand, object_pose, _beside(object_pose, grasp, rng))
     gripper = _Gripper(world, hand, round(seconds * hand.rate))
     count = max(1, round(seconds / 7.0))
-    gripper.move(np.repeat(world.sensor_pose[None], round(hand.rate), axis=0), 0.0)
+    gripper.move(np.repeat(world.sensor_pose[None], round(hand.rate), axis=0))
     for number in range(count):
         frames = gripper.left // (count - number) - round(3.6 * hand.rate)
         gripper.close(OPEN + rng.uniform(4e-4, 1e-3), 1.2)
@@ -129,13 +129,14 @@ class _Gripper:
             if np.isfinite(angle).any() and np.nanmax(np.abs(angle)) > PAD_END:
                 return
 
-    def move(self, path: Array, closing: Array | float | None = None) -> None:
+    def move(self, path: Array, closing: Array | None = None) -> None:
         """Follow a path (N, 3), as far as frames are left, closed as before or by some distances (N,) [m]."""
         path = path[: self.left]
         if not len(path):
             return
-        way = np.broadcast_to(self._closing if closing is None else closing, np.shape(closing) or len(path))
-        way = way[: len(path)]
+        way = np.full(len(path), self._closing)
+        if closing is not None:
+            way[:] = closing[: len(path)]
         self.left -= len(path)
         self._closing = float(way[-1])
         fingers = se2.compose(path[:, None], closed(self._mounts, way))

@@ -1,0 +1,97 @@
+"""Measure pushes by a hand of two fingers with images: docs/study/fingers.json.
+
+    palpate simulate IDEAL --fingers 2 --count 20 --ideal --seed 20261511
+    palpate simulate SET_UP --fingers 2 --count 20 --seed 20261512
+    python scripts/measure_fingers.py IDEAL SET_UP [COUNT]
+
+COUNT recordings of each folder are tracked, 60 by default, a like number of each object. An object is lost if it is
+more than 20 mm off at the end. From an unknown start, as in measure_unknown_start.py, those with set-up errors are
+tracked again, but for discs. One process, a minute for three recordings.
+"""
+
+import sys
+from itertools import zip_longest
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+import numpy as np
+from _common import write
+from measure_unknown_start import SIGMA, drawn_first_pose, tracked
+
+import palpate
+from palpate.pipeline.track import track
+from palpate_lab.parallel import quiet
+from palpate_lab.study.recordings import find_recordings
+
+LOST_MM = 20.0
+"""Final error from which an object is lost."""
+
+
+def main(ideal: Path, set_up: Path, count: int) -> None:
+    """Track the recordings of both folders, and write what came of them."""
+    content: dict[str, Any] = {}
+    for name, folder in (("ideal", ideal), ("set_up", set_up)):
+        content[name] = summarised([scored(file) for file in chosen(folder, count)])
+        print(name, content[name], flush=True)
+    unknown = [from_unknown_start(file) for file in chosen(set_up, count) if not file.stem.startswith("disc")]
+    shares = {f"{name}_share": fmean(row[name] for row in unknown) for name in ("found", "honest")}
+    content["unknown_start"] = {"recordings": len(unknown), **shares}
+    print(content["unknown_start"], flush=True)
+    write("fingers", content)
+
+
+def chosen(folder: Path, count: int) -> list[Path]:
+    """Return so many recordings, the first of each object in turn."""
+    by_object: dict[str, list[Path]] = {}
+    for file in sorted(find_recordings(folder).values()):
+        by_object.setdefault(file.stem.rsplit("-", 1)[0], []).append(file)
+    turns = [
+        files[k] for k in range(max(map(len, by_object.values()))) for files in by_object.values() if k < len(files)
+    ]
+    return turns[:count]
+
+
+def scored(file: Path) -> dict[str, float]:
+    """Return the scores of a recording."""
+    with quiet():
+        run = track(palpate.load_recording(file))
+    summary = run.summary
+    print(file.name, summary["final_translation_error_mm"], summary["final_rotation_error_deg"], flush=True)
+    return {
+        "final_mm": summary["final_translation_error_mm"],
+        "final_deg": summary["final_rotation_error_deg"],
+        "inside_contact": summary["in_95_contact_share"],
+        "inside_final": float(summary["in_95_final"]),
+        "ambiguous": summary["ambiguous_share"],
+        "step_ms": float(np.median(run.step_ms[run.online.contact])),
+    }
+
+
+def summarised(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Return medians of errors and times, and means of shares."""
+    of = {name: [row[name] for row in rows] for name in rows[0]}
+    return {
+        "recordings": len(rows),
+        "final_mm_median": median(of["final_mm"]),
+        "final_deg_median": median(of["final_deg"]),
+        "final_mm_worst": max(of["final_mm"]),
+        "lost": sum(each > LOST_MM for each in of["final_mm"]),
+        "inside_contact_mean": fmean(of["inside_contact"]),
+        "inside_final_mean": fmean(of["inside_final"]),
+        "ambiguous_mean": fmean(of["ambiguous"]),
+        "step_ms_median": median(of["step_ms"]),
+    }
+
+
+def from_unknown_start(file: Path) -> dict[str, bool]:
+    """Return if an object is found from a first pose that is hardly known, and if the answer is honest."""
+    recording = palpate.load_recording(file)
+    with quiet():
+        found, honest = tracked(recording, drawn_first_pose(recording, file.stem), SIGMA)
+    print(file.name, found, honest, flush=True)
+    return {"found": found, "honest": honest}
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 60)
