@@ -33,7 +33,7 @@ class _Limits:
     """Poses that the object may have at first."""
     iterations: int = 8
     """Steps to the turn with which direction and outline agree."""
-    unmodelled: float = math.radians(2.0)
+    unmodelled: float = math.radians(4.0)
     """[rad] Standard deviation of a direction beyond that stated: outline, mounting, and what all images share."""
     deviations: float = 3.0
     """Standard deviations of a direction beyond which it does not fit."""
