@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import cache, partial
 from importlib import import_module
 from queue import Empty, SimpleQueue
@@ -22,11 +23,12 @@ from palpate.io.outlines import load_shape
 from palpate.live.session import LiveSession, stop_on_signals
 from palpate.live.sources import Sources, TimedPose, TouchImage, checked_pose
 from palpate.touch.calibration import load_calibration
+from palpate.touch.touch_model import TouchModel
 from palpate.tracker import Tracker
-from palpate.types.choices import Placement
+from palpate.types.choices import DEFAULT_SENSOR, Placement
 from palpate.types.estimate import Estimate
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
-from palpate.types.sensor import DIGIT
+from palpate.types.sensor_file import known_sensor
 from palpate.types.space import GelPoses
 
 IMAGES = "image"
@@ -55,6 +57,8 @@ Parameters
   shape             the object: a name, the sides of a rectangle such as 0.09x0.06 [m], or a file; needed
   first_pose        its pose at the start, [x, y, theta] in m, m, rad; needed
   first_pose_sigma  its standard deviations
+  sensor            its name, or a profile of palpate calibrate --new-sensor, my_sensor.toml; digit if not given
+  model             folder of a touch model, or the name of a sensor whose own it is; the sensor's own if not given
   calibration       file of palpate calibrate
   tactile           learnt or none
   orientation       steps to make images upright
@@ -95,10 +99,14 @@ def run(node: Any, stop: threading.Event) -> None:
     settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
     calibration = None if unit is None else load_calibration(str(unit))
     outline = load_shape(str(shape))
-    topics = Topics(node)
+    sensor = known_sensor(str(_parameter(node, "sensor") or DEFAULT_SENSOR))
+    given_model = _parameter(node, "model")
+    model = None if given_model is None else TouchModel(str(given_model))
+    topics = Topics(node, sensor.orientation)
+    upright = replace(sensor, orientation="")  # as the topics' images are turned already
     options: Any = {"calibration": calibration, "first_pose_sigma": sigma, "is_view_known": topics.view.is_stated}
-    tracker = Tracker(outline, DIGIT, first_pose, settings, **options)
-    sources = Sources(topics.images, topics.poses, topics.now, DIGIT, topics.placement.time_offset)
+    tracker = Tracker(outline, upright, first_pose, settings, model, **options)
+    sources = Sources(topics.images, topics.poses, topics.now, upright, topics.placement.time_offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))
     session.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in session.counts.items()))
@@ -151,11 +159,14 @@ class Topics:
     below the name of the node, whatever that is.
     """
 
-    def __init__(self, node: Any) -> None:
-        """Take the node. Raises SettingError if a parameter is unusable."""
+    def __init__(self, node: Any, orientation: str = "") -> None:
+        """Take the node, and the orientation of images if its parameter is not given.
+
+        Raises SettingError if a parameter is unusable.
+        """
         given: dict[str, Any] = {name: _parameter(node, name) for name in ("sensor_T_gel", "time_offset", "plane")}
         stated = {name: value for name, value in given.items() if value}
-        self.placement = Placement(str(_parameter(node, "orientation") or ""), **stated)
+        self.placement = Placement(str(_parameter(node, "orientation") or orientation), **stated)
         self.view = camera_view(self.placement.orientation)
         self._gel_poses = GelPoses(self.placement)
         self._node = node

@@ -7,11 +7,10 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from ball import ball_overlap
 
 import palpate
 from palpate import DIGIT, GELSIGHT_MINI
-from palpate_lab.simulate.gel import touch_image
+from palpate_lab.simulate.gel import ball_overlap, touch_image
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 WHOLE = {

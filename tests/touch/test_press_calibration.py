@@ -10,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from ball import ball_overlap
 
 import palpate
 from palpate import DIGIT, FileError, Frame, Rectangle, Tracker, load_calibration
@@ -19,7 +18,7 @@ from palpate.touch.calibration import AS_IT_IS, VIEWS, CameraView, DirectionCorr
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, learn_from_presses, read_image, read_presses
 from palpate.touch.touch_model import shipped_model
-from palpate_lab.simulate.gel import touch_image
+from palpate_lab.simulate.gel import ball_overlap, touch_image
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 Array = np.ndarray

@@ -18,7 +18,7 @@ from palpate.touch.cells import cells_of
 from palpate.types.images import AS_IT_IS, CameraView
 from palpate.types.sensor import SensorProfile
 
-VERSION = 8
+VERSION = 9
 PITCHES = 0.625, 1.6
 """Least and greatest pixel pitch that a unit may have, as shares of the profile's: of a DIGIT 25.6 to 10 px/mm."""
 
@@ -108,6 +108,8 @@ class Calibration:
     """Constant error of places on a flat pad [m]."""
     place_offset_sigma: float | None = None
     """Standard deviation of that [m]; None if it was not measured."""
+    place_spread: float = 1.0
+    """Factor on the variance of an imprint's middle on a flat pad, as presses show it."""
     set_up: SetUp | None = None
     """Errors of the robot's set-up; None without pushes."""
     is_view_known: bool = False
@@ -158,6 +160,7 @@ def write_calibration(calibration: Calibration, path: Path | str, overwrite: boo
             direction=[direction.offset, direction.scale, *sigmas],
             pixel_pitch=[calibration.pixel_pitch or np.nan, calibration.pixel_pitch_sigma],
             place=[calibration.place_offset, calibration.place_offset_sigma or np.nan],
+            place_spread=calibration.place_spread,
             set_up=np.array(astuple(calibration.set_up) if calibration.set_up else [], np.float64),
         )
 
@@ -175,6 +178,8 @@ def load_calibration(path: Path | str) -> Calibration:
         pitch, pitch_sigma = _numbers(arrays, "pixel_pitch", 2)
         arrays.setdefault("place", np.array([0.0, np.nan]))  # of an earlier version
         place_offset, place_sigma = _numbers(arrays, "place", 2)
+        arrays.setdefault("place_spread", np.array(1.0))
+        place_spread = float(checked_array("place_spread", arrays["place_spread"], NUMBERS, ()))
         set_up = arrays.get("set_up", np.empty(0))
         is_direction = np.isfinite(offset) and 0.0 < scale < np.inf and not any(sigma <= 0.0 for sigma in sigmas)
         is_place = abs(place_offset) <= 0.01 and not place_sigma <= 0.0
@@ -184,6 +189,7 @@ def load_calibration(path: Path | str) -> Calibration:
             ("view", view is not None, "quarter turns 0 or 2, 0 or 1, and channels 0, 1, 2"),
             ("direction", is_direction, "an offset, a scale above 0 and sigmas above 0"),
             ("place", is_place, "an offset of at most 0.01 m and a sigma above 0"),
+            ("place_spread", 0.01 <= place_spread <= 1e4, "a factor from 0.01 to 10000"),
             ("pixel_pitch", is_pitch, "a length from 1e-6 to 0.01 m and a sigma from 0 to 0.5"),
         ):
             if not is_right:
@@ -196,6 +202,7 @@ def load_calibration(path: Path | str) -> Calibration:
             pitch_sigma,
             place_offset,
             _none_for_nan(place_sigma),
+            place_spread,
             SetUp(*map(tuple, set_up.astype(float).tolist())) if set_up.size else None,
             is_view_known=bool(checked_array("view_known", arrays["view_known"], FLAGS, ())),
             file=path,
@@ -212,7 +219,7 @@ def _check_version(arrays: dict[str, NDArray[Any]]) -> None:
         if name not in arrays:
             raise FileError(f"is no calibration of palpate calibrate, {name!r} is missing")
     version = int(checked_array("version", arrays["version"], NUMBERS, ()))
-    if version not in (5, 6, 7, VERSION):  # 5 has no set-up, those below 8 no place
+    if version not in (5, 6, 7, 8, VERSION):  # 5 has no set-up, those below 8 no place, 8 no spread of places
         raise FileError(f"version: found {version}, expected {VERSION}; calibrate the unit anew")
 
 

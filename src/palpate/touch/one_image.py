@@ -90,10 +90,11 @@ class ImageReader:
             if imprint is None:
                 return None, None
             if is_flat:
-                return None, self._place(*imprint)
+                return None, self._place(imprint[0], self._calibration.place_spread * imprint[1])
             sine = imprint[0] / max(self._sensor.radius, abs(imprint[0]) + 1e-9)
             return self._direction(math.asin(sine), imprint[1] / (self._sensor.radius**2 * (1.0 - sine**2))), None
-        reading = read_difference(self._model, difference, self._sensor)
+        spread_of_middles = self._calibration.place_spread
+        reading = read_difference(self._model, difference, self._sensor, spread_of_middles)
         spread = self._model.settings.spread
         if is_flat and "place" in reading:
             place, variance = reading["place"][:2]

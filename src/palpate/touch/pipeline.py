@@ -79,6 +79,8 @@ class TouchReader:
         self._sensor = calibrated(sensor, calibration)
         self._angle_factor = angle_factor(model, self._sensor)
         self._place_offset = calibration.place_offset if calibration else 0.0  # [m]
+        # A push shears the gel, and balls that are only pressed show no more than what the unit adds to that.
+        self._spread_of_middles = max(calibration.place_spread, 1.0) if calibration else 1.0
         spread = {} if model is None else model.settings.spread
         self._variance_factors = {name: each.factor for name, each in spread.items()}
         self._misfit = misfit(sensor, model)
@@ -137,7 +139,7 @@ class TouchReader:
             self._background = background
             self._mean = reduced(background.mean)
         difference = difference_in_light(frame.image, self._mean, light)
-        reading = read_difference(self._model, difference, self._sensor)
+        reading = read_difference(self._model, difference, self._sensor, self._spread_of_middles)
         if self._shows_depth:
             self.sunk = sunk_with(self.sunk, difference, reading["direction"][0])
         return self._measurements(reading)

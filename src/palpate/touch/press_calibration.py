@@ -36,6 +36,8 @@ LEFT_OR_RIGHT = 3.0
 _OFFSET_SIGMA = np.radians(2.0)  # [rad] standard deviation of the offset before any press
 _SCALE_SIGMA = 0.1  # standard deviation of the scale before any press
 _OTHER_OBJECTS_SIGMA = 0.06  # standard deviation of the scale of other objects about that of a ball
+_WHOLE_SIDES = 0.8  # share of a round pad's width that shows its imprints of flat sides as they are
+_CUT_OFF_SIGMA = 1.4  # more of that deviation for each share that is not shown: balls are whole, and sides are cut off
 _GIVEN_ANGLE_SIGMA = np.radians(0.3)  # [rad] error of given angles
 _IMPRINT_ANGLE_SIGMA = np.radians(1.5)  # [rad] error of angles that imprints show
 _LEAST_RANK_CORRELATION = 0.9  # of imprints that lie in the order of their presses
@@ -54,6 +56,8 @@ class PlaceSettings:
     """Largest scatter about the line [m]; more means wrong presses or places."""
     given_place_sigma: float = 1e-4
     """Error of given places [m]."""
+    presses_before: float = 3.0
+    """Count of presses that what is known before any is worth, for the spread of an imprint's middle."""
     from_middle: float = 1.5e-3
     """Largest constant error of places [m], five times the usual; if given places are farther off, they are measured
     from elsewhere than the middle of the pad."""
@@ -305,11 +309,12 @@ def _fit_in_view(
             log_likelihood = -math.inf
         return _ViewFit(log_likelihood, calibration, angle, scatter)
     inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
+    cut_off = _CUT_OFF_SIGMA * max(_WHOLE_SIDES - unit.shown / float(scale), 0.0) if scale > 0.0 else 0.0
     correction = DirectionCorrection(
         offset=0.0 if presses.are_relative else float(offset),
         scale=float(scale),
         offset_sigma=None if presses.are_relative else float(sigmas[0] * inflation),
-        scale_sigma=math.hypot(sigmas[1] * inflation, _OTHER_OBJECTS_SIGMA),
+        scale_sigma=math.hypot(sigmas[1] * inflation, _OTHER_OBJECTS_SIGMA, cut_off * scale),
     )
     return _ViewFit(log_likelihood, replace(calibration, direction=correction), angle, scatter)
 
@@ -330,11 +335,15 @@ def _fit_places_in_view(
         presses.place - middle, measured, variance, (1.0, scale_sigma)
     )
     scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * (presses.place - middle)))))
-    inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
+    seen = float(np.sum(np.square(measured - offset - scale * (presses.place - middle)) / variance))
+    spread = (_PLACES.presses_before + seen) / (_PLACES.presses_before + len(measured) - 2.0)  # a line takes two
+    inflation = math.sqrt(spread)
     assert unit.pixel_pitch is not None
     scale = float(np.clip(scale, 0.01, 10.0))  # beyond that units are wrong, which `mismatch` says
     pitch_sigma = min(float(sigmas[1]) / scale * inflation, 0.5)
-    calibration = replace(calibration, pixel_pitch=unit.pixel_pitch / scale, pixel_pitch_sigma=pitch_sigma)
+    calibration = replace(
+        calibration, pixel_pitch=unit.pixel_pitch / scale, pixel_pitch_sigma=pitch_sigma, place_spread=spread
+    )
     from_middle = float(offset / scale - middle)
     if abs(from_middle) < _PLACES.from_middle:
         offset_sigma = inflation * math.hypot(sigmas[0] / scale, pitch_sigma * middle)

@@ -5,12 +5,11 @@ import math
 import cv2
 import numpy as np
 import pytest
-from ball import ball_overlap
 
 from palpate import DIGIT, Background
 from palpate.touch.background import background_of
 from palpate_lab.paper.images import ellipse_features, patch_outline
-from palpate_lab.simulate.gel import touch_image
+from palpate_lab.simulate.gel import ball_overlap, touch_image
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 

@@ -6,10 +6,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from ball import ball_overlap
 
 from palpate import DIGIT, GELSIGHT_MINI, Disc, Ellipse, Polygon, Rectangle
-from palpate_lab.simulate.gel import Side, prism_overlap, render, touch_image
+from palpate_lab.simulate.gel import Side, ball_overlap, prism_overlap, render, touch_image
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 SQUARE, SIDE = Rectangle(0.09, 0.09), Side()

@@ -91,6 +91,20 @@ def prism_overlap(unit: SensorUnit, shape: Shape, sensor_in_object: ArrayLike, i
     return _rounded(overlap, within, np.float32(5e-4))
 
 
+def ball_overlap(unit: SensorUnit, radius: float, place: tuple[float, float], indentation: float) -> Image:
+    """Return the overlap (height, width) [m] with a ball of a radius [m] pressed in at place (y, z) on the pad [m]."""
+    y, z = unit.place
+    away = np.hypot(y - place[0], z - place[1])
+    inside = np.minimum(away / radius, 1.0)
+    bulge = unit.sag(y) + unit.sag_along(z)
+    bulge -= unit.sag(np.float32(place[0])) + unit.sag_along(np.float32(place[1]))
+    beyond = np.sign(place[0]) * max(abs(place[0]) - 0.5 * unit.flat_width, 0.0)
+    slope = (beyond / unit.radius, place[1] / unit.length_radius)  # the ball comes along the gel's normal
+    bulge -= slope[0] * (y - place[0]) + slope[1] * (z - place[1])
+    overlap = indentation - radius * (1.0 - np.sqrt(1.0 - inside**2)) - bulge
+    return np.where(inside < 1.0, np.maximum(overlap, 0.0), 0.0).astype(np.float32)
+
+
 @compiled
 def _rounded(overlap: Image, within: Image, fillet: np.float32) -> Image:
     """Join the depths below the side and below the rim in a quarter circle of this radius [m]."""
@@ -178,7 +192,7 @@ def _lit(
     strength: Image,
     shadow: Image,
 ) -> Image:
-    """Return the change of each light on the gel, (height, width, 3), by its slopes to the right and down."""
+    """Return the change of each light on the gel, (height, width, lights), by its slopes to the right and down."""
     lit = np.empty_like(shadow)
     one = np.float32(1.0)
     for row in range(right.shape[0]):
@@ -186,7 +200,7 @@ def _lit(
             normal_right = rest_right[row, column] - right[row, column]
             normal_up = rest_up[row, column] + up[row, column]
             shrink = one / np.sqrt(normal_right * normal_right + normal_up * normal_up + one)
-            for k in range(3):
+            for k in range(len(light)):
                 facing = (light[k, 0] * normal_right + light[k, 1] * normal_up + light[k, 2]) * shrink
                 facing = max(facing, np.float32(0.0)) * (one - shadow[row, column, k])
                 lit[row, column, k] = (facing - rest_lit[k, row, column]) * strength[k, row, column]
@@ -207,12 +221,12 @@ def _add_fold(difference: Image, response: Image, height: Image, surroundings: I
 
 
 def _shadows(unit: SensorUnit, height: Image) -> Image:
-    """Return the share of each light that is blocked, (height, width, 3), 0 to unit.shadow."""
+    """Return the share of each light that is blocked, (height, width, lights), 0 to unit.shadow."""
     import cv2
 
     coarse, size = _smaller(height)
     pitch = _COARSE * unit.pitch
-    shadow = np.empty((*coarse.shape, 3), np.float32)
+    shadow = np.empty((*coarse.shape, len(unit.light)), np.float32)
     for index, (x, y, z) in enumerate(unit.light):
         level = math.hypot(x, y)
         above = np.zeros_like(coarse)
@@ -237,7 +251,7 @@ def _smaller(image: Image) -> tuple[Image, tuple[int, int]]:
 
 @functools.lru_cache(maxsize=16)
 def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
-    """Return slopes of the gel at rest to the right and up, its lighting (3, ...), light strengths, camera response.
+    """Return slopes of the gel at rest to the right and up, lighting, light strengths (lights, ...), camera response.
 
     The response (height, width, 3) is the camera's grey levels per grey level of light; it is 1 at a level of 100.
     """

@@ -20,6 +20,7 @@ from palpate.types.images import encode_image
 from palpate.types.sensor import DIGIT, SensorProfile
 from palpate_lab import required
 from palpate_lab.parallel import held_folder, spread
+from palpate_lab.simulate.any_unit import Faults, through_camera, with_faults
 from palpate_lab.simulate.gel import Side, draw_side, render
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.push_settings import ROBOT, PushSettings
@@ -70,6 +71,8 @@ class Simulation:
     """Ranges that the pushes are drawn from."""
     side: Side | None = None
     """Side of the object that meets the pad; None draws one."""
+    faults: Faults | None = None
+    """Properties of the sensor unit beyond the usual; None for a usual one."""
 
     def __post_init__(self) -> None:
         check_not_negative(seed=self.seed, unit=self.unit)
@@ -96,6 +99,7 @@ class Simulation:
             + ("" if self.marks is None else f", marks {self.marks}")
             + ("" if self.pushes == ROBOT else f", {self.pushes}")
             + ("" if self.side is None else f", {self.side}")
+            + ("" if self.faults is None else f", {self.faults}")
         )
 
     def run(self, progress: Callable[[int], None] | None = None) -> Recording:
@@ -108,7 +112,10 @@ class Simulation:
         errors = None if self.ideal else draw_errors(systematic, self.unit)
         if errors and self.marks is not None:
             errors = replace(errors, marks=self.marks)
-        unit = draw_unit(self.sensor, unit_seed)
+        if self.faults is None:
+            unit = draw_unit(self.sensor, unit_seed)
+        else:
+            unit = with_faults(self.sensor, unit_seed, self.faults)
         gel = replace(self.sensor, radius=unit.radius)
         hand = shoves if self.knocks else None
         drift = errors.gel_drift if errors else (0.0, 0.0)
@@ -155,8 +162,10 @@ class Simulation:
         depth = motion.indentation
         if self.pushes.deep_as_pressed:
             depth = np.maximum(depth, motion.normal_force / float(np.mean(self.pushes.gel_stiffness)))
+        delivered = None if self.faults is None else through_camera(self.faults)
         for unit, *contact in zip(units, poses, depth, motion.tangential_force, strict=True):
-            images.append(encode_image(render(unit, self.shape, *contact, rng=camera, side=side)))
+            image = render(unit, self.shape, *contact, rng=camera, side=side)
+            images.append(encode_image(delivered(image) if delivered else image))
             if progress:
                 progress(len(images))
         return images

@@ -49,9 +49,9 @@ class SensorUnit:
     markers: Markers | None
     """Dots on the skin; None without."""
     light: Array
-    """Direction towards each light, (3 lights, 3): to the image's right, up, and into the camera."""
+    """Direction towards each light, (lights, 3): to the image's right, up, and into the camera."""
     colour: Array
-    """Levels of red, green and blue from each light on gel that faces it, (3 lights, 3) [grey levels]."""
+    """Levels of red, green and blue from each light on gel that faces it, (lights, 3) [grey levels]."""
     shear_compliance: float
     """Shift of the gel's skin under a tangential force [m/N]."""
     response: float
@@ -65,7 +65,7 @@ class SensorUnit:
     noise: float
     """Standard deviation of the camera's noise [grey levels]."""
     illumination: Image
-    """Strength of each light at each pixel, (3, height, width)."""
+    """Strength of each light at each pixel, (lights, height, width)."""
     scattered: float
     """Share of the light on an imprint that is the same at each pixel, 0 to 1."""
     no_contact: NDArray[np.uint8]
@@ -169,7 +169,7 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
         no_contact=backdrop.draw_no_contact(illumination, colour / 200.0, rng, kind),
     )
     shade = 0.7 + 0.3 * np.sqrt(unit.softness)[..., None]  # little light reaches the rim
-    markers = _draw_markers(unit.place, rng) if flat and rng.random() < 0.5 else None
+    markers = draw_markers(unit.place, rng) if flat and rng.random() < 0.5 else None
     no_contact = np.rint(unit.no_contact * shade).astype(np.uint8)
     # On a real DIGIT a ball's flank has four times less of the light that hardly reaches its place.
     unit = replace(unit, no_contact=no_contact, markers=markers, scattered=rng.uniform(0.05, 0.6))
@@ -178,7 +178,7 @@ def draw_unit(profile: SensorProfile, seed: int) -> SensorUnit:
     return unit
 
 
-def _draw_markers(place: Image, rng: np.random.Generator) -> Markers:
+def draw_markers(place: Image, rng: np.random.Generator) -> Markers:
     """Draw markers 1.2 to 2.4 mm apart, for pixels at these positions on the pad (2, height, width) [m]."""
     _, height, width = place.shape
     pitch = float(abs(place[0, 0, 1] - place[0, 0, 0]))
