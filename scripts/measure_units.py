@@ -75,6 +75,8 @@ class Pressed:
     """True place [m] or, on a dome, direction [rad] of each, (N,)."""
     are_from_anywhere: bool = False
     """True if these are measured from an unknown place, so that only changes can be scored."""
+    sides: int = 0
+    """Count of the last presses that are of sides and corners; the others are of balls."""
     to_calibrate: NDArray[np.int_] | None = None
     """Presses that a calibration may be made on; by default all."""
 
@@ -82,10 +84,11 @@ class Pressed:
 def main(seed: int, taxim: Path | None) -> None:
     """Measure and write."""
     drawn = [of_drawn_unit(seed, number) for number in range(UNITS)]
-    real = {name: scores(pressed) for name, pressed in real_units(taxim).items()}
+    real = {name: of_balls(pressed) for name, pressed in real_units(taxim).items()}
     flat = [unit for unit in drawn if unit["sensor"] == GELSIGHT_MINI.name]
     domes = [unit for unit in drawn if unit["sensor"] == DIGIT.name]
-    pooled_scores = {name: pooled(units) for name, units in (("flat", flat), ("domes", domes))}
+    kinds = {"flat": flat, "domes": domes}
+    pooled_scores = {f"{k}, {part}": pooled(kinds[k], part) for k in kinds for part in ("balls", "sides")}
     write("units", {"seed": seed, "pooled": pooled_scores, "real": real, "drawn": drawn})
 
 
@@ -157,7 +160,9 @@ def drawn_presses(unit: SensorUnit, rng: np.random.Generator, others: bool = Tru
         true = np.concatenate([along, corners])
     else:
         true = np.concatenate([np.arcsin(along / unit.radius), angles])
-    return Pressed(unit.profile, touch_image(unit, None, rng=rng), images, true, to_calibrate=np.arange(most))
+    return Pressed(
+        unit.profile, touch_image(unit, None, rng=rng), images, true, sides=SIDES * others, to_calibrate=np.arange(most)
+    )
 
 
 def pressed_ball(unit: SensorUnit, y: float, rng: np.random.Generator) -> Image:
@@ -198,6 +203,11 @@ def scores(pressed: Pressed, counts: tuple[int, ...] = COUNTS) -> dict[str, Any]
     return found
 
 
+def of_balls(pressed: Pressed) -> dict[str, Any]:
+    """Return the scores of presses that are all of balls, for each count of presses."""
+    return {count: found.get("balls", found) for count, found in scores(pressed).items()}
+
+
 def calibrated_on(pressed: Pressed, count: int) -> tuple[Calibration, NDArray[np.int_]]:
     """Return the calibration of a unit on some of its presses, spread over its width, and which they are."""
     calibration = Calibration(background_of([pressed.untouched]))
@@ -221,10 +231,18 @@ def calibrated_on(pressed: Pressed, count: int) -> tuple[Calibration, NDArray[np
 
 
 def scored(pressed: Pressed, calibration: Calibration, chosen: NDArray[np.int_]) -> dict[str, Any]:
-    """Return the scores of presses that a calibration is not made on."""
+    """Return the scores of presses that a calibration is not made on, by what is pressed."""
     reader = ImageReader(pressed.sensor, calibration, shipped_model(pressed.sensor.name))
     among = np.arange(len(pressed.true))
     left = np.setdiff1d(among, chosen if pressed.to_calibrate is None else pressed.to_calibrate)
+    balls = left[left < len(among) - pressed.sides]
+    sides = left[left >= len(among) - pressed.sides]
+    parts = {"balls": balls, "sides": sides} if pressed.sides else {"balls": balls}
+    return {name: scores_of(pressed, reader, part) for name, part in parts.items()}
+
+
+def scores_of(pressed: Pressed, reader: ImageReader, left: NDArray[np.int_]) -> dict[str, Any]:
+    """Return the scores of some presses."""
     told = [told_of(reader, pressed.images[k]) for k in left]
     felt = np.array([each is not None for each in told])
     measured, sigma = np.array([each for each in told if each]).reshape(-1, 2).T
@@ -256,12 +274,12 @@ def told_of(reader: ImageReader, image: Image) -> tuple[float, float] | None:
     return reading.place or reading.direction
 
 
-def pooled(units: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the scores of units together, for each count of presses."""
+def pooled(units: list[dict[str, Any]], part: str) -> dict[str, Any]:
+    """Return the scores of units together in balls or sides, for each count of presses."""
     found: dict[str, Any] = {}
     for count in map(str, COUNTS):
         rows = [unit["scores"][count] for unit in units]
-        read = [row for row in rows if "refused" not in row]
+        read = [row[part] for row in rows if "refused" not in row]
         slopes = [row["slope"] for row in read]
         found[count] = {
             "units": len(units),
@@ -329,7 +347,7 @@ def digit_probes() -> Pressed:
     images = [np.ascontiguousarray(read_image(file)[:, ::-1, ::-1]) for file in files]
     still = np.ascontiguousarray(read_image(folder / "untouched.png")[:, ::-1, ::-1])
     # The imprint moves by 21 / (21 + 2) of what the ball of 2 mm does.
-    true = np.arcsin(np.array([float(row["x_mm"]) - 6.0 for row in rows]) * 1e-3 / (DIGIT.radius + 2e-3))
+    true = np.arcsin(np.array([6.0 - float(row["x_mm"]) for row in rows]) * 1e-3 / (DIGIT.radius + 2e-3))
     return Pressed(DIGIT, still, images, true, are_from_anywhere=True)
 
 

@@ -204,6 +204,23 @@ def of_json(path: str, names: Mapping[str, str], *within: str) -> Callable[[], I
     return rows
 
 
+def of_units(part: str, names: Mapping[str, str], cell: str) -> Callable[[], Iterator[Row]]:
+    """Return rows of docs/study/units.json: a unit, or units together, and a cell for each count of presses."""
+
+    def rows() -> Iterator[Row]:
+        content = loaded("docs/study/units.json")[part]
+        for key, name in names.items():
+            cells = {
+                f"after_{count}": "refused"
+                if "refused" in found and "n" not in found and "units" not in found
+                else cell.format_map(found)
+                for count, found in content[key].items()
+            }
+            yield {"name": name, **cells}
+
+    return rows
+
+
 def tails() -> Iterator[Row]:
     """Yield a row for each study that two versions were compared on."""
     names = {"systematic": "with errors of a set-up", "plain": "without", "knocked": "with shoves", "mini": "of a Mini"}
@@ -463,6 +480,67 @@ TABLES: dict[str, Table] = {
                 "dots after 5": "gel with dots; 5 presses",
                 "dots after 10": "gel with dots; 10 presses",
             },
+        ),
+    ),
+    "real-units": Table(
+        {
+            "real unit; error of": "{name}",
+            "no press": "{after_0}",
+            "3 presses": "{after_3}",
+            "5 presses": "{after_5}",
+            "10 presses": "{after_10}",
+        },
+        of_units(
+            "real",
+            {
+                "GelSight Mini": "GelSight Mini, balls; place",
+                "gel with dots": "gel with dots, balls; place",
+                "taxim, GelSight": "GelSight of taxim, balls; place",
+                "taxim, Mini": "GelSight Mini of taxim, balls; place",
+                "DIGIT, balls": "DIGIT, balls; direction",
+                "DIGIT, printer": "DIGIT, a printer's ball; change of direction",
+            },
+            "{median:.2f} ({second_worst:.1f}, {worst:.1f}); {slope:.2f}; {in_95:.0%}",
+        ),
+    ),
+    "drawn-units": Table(
+        {
+            "drawn units; error of": "{name}",
+            "no press": "{after_0}",
+            "3 presses": "{after_3}",
+            "5 presses": "{after_5}",
+            "10 presses": "{after_10}",
+        },
+        of_units(
+            "pooled",
+            {
+                "flat, balls": "12 flat pads, balls; place",
+                "flat, sides": "12 flat pads, sides and corners; place",
+                "domes, balls": "12 domes, balls; direction",
+                "domes, sides": "12 domes, sides; direction",
+            },
+            "{median:.2f} ({worst_unit:.1f}, {worst:.1f}); {slope:.2f}; {in_95:.0%}",
+        ),
+    ),
+    "unit-pushes": Table(
+        {
+            "DIGITs": "{name}",
+            "pushes": "{pushes}",
+            "within 3 mm at the end": "{within_3_mm}",
+            "final error, median (worst)": "{final_mm_median:.1f} mm ({final_mm_worst:.0f})",
+            "in 95 %, contact": "{in_95_contact:.0%}",
+            "silently wrong": "{silent:.1%}",
+        },
+        of_json(
+            "docs/study/units.json",
+            {
+                "dead LED": "with a dead LED",
+                "dots": "with dots",
+                "half the view": "whose images show half of the pad",
+                "turned": "with images turned by 180 degrees",
+                "mirrored": "with mirrored images",
+            },
+            "pushes",
         ),
     ),
     "touch-model": Table(

@@ -137,7 +137,7 @@ WHOLE = {
     ("fields", "message"),
     [
         ({"view_known": None}, "'view_known' is missing"),
-        ({"version": 3}, "version: found 3, expected 8; calibrate the unit anew"),
+        ({"version": 3}, "version: found 3, expected 9; calibrate the unit anew"),
         ({"mean": np.ones((4, 4), np.float32)}, r"mean: found shape \(4, 4\), expected \(N, N, 3\)"),
         ({"mean": np.ones((4, 4, 3))}, "mean: found float64"),
         ({"mean": np.full((4, 4, 3), np.nan, np.float32)}, "mean: found .* not grey levels"),

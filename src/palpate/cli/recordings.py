@@ -208,6 +208,7 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
         "is_view_measured": calibration.is_view_known,
         "place_offset_mm": 1e3 * calibration.place_offset,
         "place_offset_sigma_mm": 1e3 * calibration.place_offset_sigma if calibration.place_offset_sigma else None,
+        "place_spread": calibration.place_spread,
         "pixel_pitch_mm": 1e3 * pitch if pitch else None,
         "pixel_pitch_sigma_mm": 1e3 * pitch * calibration.pixel_pitch_sigma if pitch else None,
         "offset_deg": degrees(direction.offset),
