@@ -53,30 +53,26 @@ def main(folder: Path) -> None:
 
 
 def places_on_pads(data: Path) -> dict[str, Any]:
-    """Return the scores of places on two flat pads, without a calibration and after one on some presses."""
-    scores: dict[str, Any] = {"balls": balls_on_mini(data), "edges": edges_on_mini(data), "dots": balls_on_dots(data)}
-    for count in (3, 5, 10):
-        scores[f"balls after {count}"] = balls_on_mini(data, count)
-        scores[f"dots after {count}"] = balls_on_dots(data, count)
-    return scores
+    """Return the scores of places on two flat pads, without a calibration; `measure_units.py` has those after one."""
+    return {"balls": balls_on_mini(data), "edges": edges_on_mini(data), "dots": balls_on_dots(data)}
 
 
-def balls_on_dots(data: Path, calibrate_on: int = 0) -> dict[str, float]:
+def balls_on_dots(data: Path) -> dict[str, float]:
     """Return the scores of places of balls on a gel with dots, whose circles are marked by hand; one of 51 wrongly."""
     with (data / "mini_dots_balls/truth.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     folder = data / "mini_dots_balls"
     images = [read_image(folder / row["file"]) for row in rows]
-    return of_places(folder / "untouched.png", images, [float(row["column_px"]) for row in rows], calibrate_on)
+    return of_places(folder / "untouched.png", images, [float(row["column_px"]) for row in rows])
 
 
-def balls_on_mini(data: Path, calibrate_on: int = 0) -> dict[str, float]:
+def balls_on_mini(data: Path) -> dict[str, float]:
     """Return the scores of places of balls, whose columns are those of the best sphere in gradients of the image."""
     with (data / "mini_balls/centres.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     images = [read_image(data / "mini_balls" / row["press"] / "gelsight.png") for row in rows]
     columns = [float(row["centre_col_px"]) for row in rows]
-    return of_places(data / "mini_balls/background.png", images, columns, calibrate_on)
+    return of_places(data / "mini_balls/background.png", images, columns)
 
 
 def edges_on_mini(data: Path) -> dict[str, float]:
@@ -88,31 +84,21 @@ def edges_on_mini(data: Path) -> dict[str, float]:
     )
 
 
-def of_places(still: Path, images: list[Image], columns: list[float], calibrate_on: int = 0) -> dict[str, float]:
-    """Return the scores of places of imprints at columns (N,) [px], without those that the calibration is made on."""
-    model = shipped_model(GELSIGHT_MINI.name)
+def of_places(still: Path, images: list[Image], columns: list[float]) -> dict[str, float]:
+    """Return the scores of places of imprints at columns (N,) [px]."""
     true = (np.array(columns) - 0.5 * (GELSIGHT_MINI.image_width - 1)) * (GELSIGHT_MINI.pixel_pitch or 0.0)
     calibration = Calibration(background_of([read_image(still)]))
-    chosen = np.array([], np.int_)
-    if calibrate_on:
-        chosen = np.argsort(true)[np.linspace(0, len(true) - 1, calibrate_on).astype(int)]
-        pressed = tuple(images[k] for k in chosen)
-        names = tuple(map(str, chosen))
-        unknown = np.full(calibrate_on, np.nan)
-        presses = Presses(pressed, unknown, names, are_relative=True, place=true[chosen])
-        calibration, _ = learn_from_presses(presses, calibration, GELSIGHT_MINI, model)
-    reader = ImageReader(GELSIGHT_MINI, calibration, model)
-    left = np.setdiff1d(np.arange(len(true)), chosen)
-    readings = [reader.read(images[k]).place for k in left]
+    reader = ImageReader(GELSIGHT_MINI, calibration, shipped_model(GELSIGHT_MINI.name))
+    readings = [reader.read(image).place for image in images]
     place, sigma = np.array([reading for reading in readings if reading]).T
-    error = place - true[left]
+    error = place - true
     inside = coverage(error, sigma**2)
     return {
-        "n": len(left),
+        "n": len(images),
         "median_mm": float(1e3 * np.median(np.abs(error))),
         "second_worst_mm": float(1e3 * np.sort(np.abs(error))[-2]),
         "worst_mm": float(1e3 * np.max(np.abs(error))),
-        "slope": float(np.polyfit(true[left], place, 1)[0]),
+        "slope": float(np.polyfit(true, place, 1)[0]),
         "in_68_share": inside[0.68],
         "in_95_share": inside[0.95],
     }

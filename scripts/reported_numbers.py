@@ -460,28 +460,6 @@ TABLES: dict[str, Table] = {
             {"balls": "balls", "edges": "upright edges", "dots": "balls, another gel with dots"},
         ),
     ),
-    "real-pads": Table(
-        {
-            "gel; calibrated on": "{name}",
-            "presses": "{n}",
-            "place off, median (second worst, worst)": "{median_mm:.2f} mm ({second_worst_mm:.1f}, {worst_mm:.1f})",
-            "measured over true": "{slope:.2f}",
-            "in 95 %": "{in_95_share:.0%}",
-        },
-        of_json(
-            "docs/study/real_mini.json",
-            {
-                "balls": "GelSight Mini; nothing",
-                "balls after 3": "GelSight Mini; 3 presses",
-                "balls after 5": "GelSight Mini; 5 presses",
-                "balls after 10": "GelSight Mini; 10 presses",
-                "dots": "gel with dots; nothing",
-                "dots after 3": "gel with dots; 3 presses",
-                "dots after 5": "gel with dots; 5 presses",
-                "dots after 10": "gel with dots; 10 presses",
-            },
-        ),
-    ),
     "real-units": Table(
         {
             "real unit; error of": "{name}",

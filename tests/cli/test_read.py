@@ -12,7 +12,7 @@ import pytest
 
 import palpate
 from palpate import DIGIT, GELSIGHT_MINI
-from palpate_lab.simulate.gel import ball_overlap, touch_image
+from palpate_lab.simulate.gel import ball_overlap, render, touch_image
 from palpate_lab.simulate.unit import SensorUnit, draw_unit
 
 PLACES = (-6.0, -2.5, 1.0, 3.5, 6.5)  # [mm]
@@ -75,6 +75,8 @@ def test_presses_at_known_places_calibrate_a_flat_pad(pad, json_of):
     assert json_of(*words, "--presses", "few.csv", "--out", "few.npz")["calibrated_to_mm"] > (told["calibrated_to_mm"])
     save("new.png", ball(pad, -4.0, -1.0))
     (read,) = json_of("read", "new.png", "--calibration", "unit.npz", *MINI)
+    # Presses that lie on their line show that middles of imprints are surer on this unit than on any.
+    assert 0.1 < json_of("info", "unit.npz")["place_spread"] < 0.9
     assert read["place_mm"] == pytest.approx(-4.0, abs=0.2) and read["place_sigma_mm"] < 0.35
     # From the zero of a machine the scale alone can be told, and the sign of places tells left from right.
     far = json_of(*words, "--presses", table(np.add(PLACES, 80.0)), "--out", "far.npz")
@@ -84,6 +86,26 @@ def test_presses_at_known_places_calibrate_a_flat_pad(pad, json_of):
     assert palpate.load_calibration("unit.npz").place_offset_sigma == pytest.approx(
         1e-3 * told["place_offset_sigma_mm"]
     )
+
+
+@pytest.mark.parametrize("seed", [15, 18])
+def test_a_side_that_covers_the_pad_is_not_read_where_the_pad_ends(folder, json_of, seed):
+    unit = draw_unit(dataclasses.replace(GELSIGHT_MINI, pixel_pitch_sigma=0.0), seed)
+    unit = dataclasses.replace(unit, offset=(0.0, 0.0), roll=0.0)
+    save("still.png", touch_image(unit, None))
+    disc = palpate.Disc(0.088)
+    save("disc.png", render(unit, disc, (disc.radius, 0.0, np.pi), 8e-4, rng=np.random.default_rng(1)))
+    (told,) = json_of("read", "disc.png", "--untouched", "still.png", *MINI)
+    assert abs(told["place_mm"]) < 3.0 * told["place_sigma_mm"]
+
+
+def test_presses_of_two_units_are_refused_by_name(folder, fails):
+    units = [draw_unit(GELSIGHT_MINI, seed) for seed in (8, 11)]  # without dots
+    save("still.png", touch_image(units[0], None))
+    for y in PLACES:
+        save(f"{y:g}.png", ball(units[y == PLACES[3]], y))
+    words = ("calibrate", "--untouched", "still.png", *MINI, "--out", "unit.npz", "--presses", table(PLACES))
+    assert "3.5.png: image: " in fails(*words) and not Path("unit.npz").exists()
 
 
 def test_wrong_places_are_refused(pad, fails):
