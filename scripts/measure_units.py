@@ -93,9 +93,12 @@ def main(seed: int, taxim: Path | None) -> None:
 
 
 def add_pushes(seed: int) -> None:
-    """Measure pushes and write them to the same file."""
+    """Measure pushes and write them to the same file, each kind once it is done."""
     found = json.loads((STUDY / "units.json").read_text())
-    write("units", {**found, "pushes": {kind: pushes_of(kind, seed) for kind in KINDS}})
+    found["pushes"] = {}
+    for kind in KINDS:
+        found["pushes"][kind] = pushes_of(kind, seed)
+        write("units", found)
 
 
 def pushes_of(kind: str, seed: int) -> dict[str, Any]:
