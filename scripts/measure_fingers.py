@@ -10,7 +10,6 @@ tracked again, but for discs. One process, a minute for three recordings.
 """
 
 import sys
-from itertools import zip_longest
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any

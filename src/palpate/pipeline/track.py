@@ -90,8 +90,7 @@ def track(
     total = len(recording)
     settings = settings or TrackerSettings()
     is_placed_by_touch = isinstance(outline, Unknown) and first_pose is None
-    first = np.zeros(3)
-    sigma = np.array(ANYWHERE_SIGMA)
+    first, sigma = _anywhere()
     if not is_placed_by_touch:
         first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
     _check_content(recording, settings.tactile)
@@ -140,6 +139,11 @@ def track(
         keep(run)
         raise failure
     return run
+
+
+def _anywhere() -> tuple[Array, Array]:
+    """Return the first pose of an object that may be anywhere, and its sigma."""
+    return np.zeros(3), np.array(ANYWHERE_SIGMA)
 
 
 def _factors(recording: Recording) -> tuple[str, ...]:
