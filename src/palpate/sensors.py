@@ -243,7 +243,7 @@ class OneSensor:
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """What belongs to single fingers of a hand, by their names; some may be left out."""
+    """Properties of single fingers of a hand, by their names; some may be left out."""
 
     models: Mapping[str, TouchModel]
     calibrations: Mapping[str, Calibration]
@@ -397,7 +397,7 @@ def _refused(hand: Hand) -> Hand:
 
 
 def units_of(shape: Shape, settings: Any, hand: Hand, model: Any, calibration: Any, touch: Any) -> Units:
-    """Return what belongs to single fingers; raises SettingError on values of another kind or finger."""
+    """Return the properties of single fingers; raises SettingError on values of another kind or finger."""
     models = dict.fromkeys(hand.fingers, model) if isinstance(model, TouchModel) else _by_finger("model", model, hand)
     calibrations = _by_finger("calibration", calibration, hand)
     own = _by_finger("touch", touch, hand)
