@@ -10,6 +10,7 @@ as in measure_unknown_start.py, but for discs. One process, a minute for three r
 """
 
 import sys
+from itertools import zip_longest
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any

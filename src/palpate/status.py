@@ -121,6 +121,10 @@ class PoseEvidence:
     """The least plausible variable of the object, if there is one that is implausible."""
     is_displaced: bool = False
     """True if the object was moved while nothing touched it, and is not found again."""
+    contradicting_form: str = ""
+    """Sentence on a learnt outline that contradicts what was given of it; empty if it does not."""
+    is_open: bool = False
+    """True if contacts so far lie on one side of an outline that is learnt, so that they enclose nothing."""
     takes_images_as_mirrored: bool = False
     """True if touch fits the push only with images that are upside down or mirrored."""
     may_images_be_mirrored: bool = False
@@ -158,6 +162,8 @@ def _contradiction(on: Evidence) -> str:
     if on.pose.contradicting_outline > 0.0:
         distance = f"{1e3 * on.pose.contradicting_outline:.0f} mm"
         return f"measured object poses put the outline up to {distance} from where the sensor touches it"
+    if on.pose.contradicting_form:
+        return on.pose.contradicting_form
     if on.pose.implausible is not None:
         name, deviations = on.pose.implausible
         variable = VARIABLES.get(name, name)
@@ -282,6 +288,11 @@ TABLE = (
         status="uncertain",
         applies=lambda on: on.pose.is_beyond_tolerance,
         reason=_uncertainty,
+    ),
+    StatusRow(
+        status="uncertain",
+        applies=lambda on: on.pose.is_open,
+        reason=lambda on: "the contacts so far enclose nothing: over half of the outline is a guess",
     ),
     StatusRow(
         status="tracking",
