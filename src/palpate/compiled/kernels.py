@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import update_wrapper
 from typing import Any
 
 
@@ -13,6 +14,7 @@ class Kernel:
         """The function in Python."""
         self.options = options
         """Options of Numba."""
+        update_wrapper(self, function)  # generated code imports it by its name
 
     def __reduce__(self) -> Any:
         """Return how a copy finds the same kernel: by its place, as all that a tracker holds are of a module."""

@@ -74,4 +74,4 @@ def _apply(name: str, *values: Scalar) -> Scalar:
 
         return symbolic.FUNCTIONS[name](*values)
     plain = getattr(math, {"arctan": "atan"}.get(name, name), None)
-    return plain(*values) if plain else getattr(function_kernels, name).py_func(*values)
+    return plain(*values) if plain else getattr(function_kernels, name).function(*values)
