@@ -5,8 +5,8 @@
     python scripts/measure_fingers.py IDEAL SET_UP [COUNT]
 
 COUNT recordings of each folder are tracked, 60 by default, a like number of each object. An object is lost if it is
-more than 20 mm off at the end. From an unknown start, as in measure_unknown_start.py, those with set-up errors are
-tracked again, but for discs. One process, a minute for three recordings.
+more than 50 mm or 30 degrees off at the end. Those with the errors of a set-up are tracked again from an unknown start,
+as in measure_unknown_start.py, but for discs. One process, a minute for three recordings.
 """
 
 import sys
@@ -24,8 +24,8 @@ from palpate.pipeline.track import track
 from palpate_lab.parallel import quiet
 from palpate_lab.study.recordings import find_recordings
 
-LOST_MM = 20.0
-"""Final error from which an object is lost."""
+LOST = 50.0, 30.0
+"""Final errors [mm, deg] beyond which an object is lost."""
 
 
 def main(ideal: Path, set_up: Path, count: int) -> None:
@@ -46,10 +46,8 @@ def chosen(folder: Path, count: int) -> list[Path]:
     by_object: dict[str, list[Path]] = {}
     for file in sorted(find_recordings(folder).values()):
         by_object.setdefault(file.stem.rsplit("-", 1)[0], []).append(file)
-    turns = [
-        files[k] for k in range(max(map(len, by_object.values()))) for files in by_object.values() if k < len(files)
-    ]
-    return turns[:count]
+    turns = zip_longest(*by_object.values())
+    return [file for turn in turns for file in turn if file is not None][:count]
 
 
 def scored(file: Path) -> dict[str, float]:
@@ -76,7 +74,7 @@ def summarised(rows: list[dict[str, float]]) -> dict[str, float]:
         "final_mm_median": median(of["final_mm"]),
         "final_deg_median": median(of["final_deg"]),
         "final_mm_worst": max(of["final_mm"]),
-        "lost": sum(each > LOST_MM for each in of["final_mm"]),
+        "lost": sum(row["final_mm"] > LOST[0] or row["final_deg"] > LOST[1] for row in rows),
         "inside_contact_mean": fmean(of["inside_contact"]),
         "inside_final_mean": fmean(of["inside_final"]),
         "ambiguous_mean": fmean(of["ambiguous"]),

@@ -408,6 +408,21 @@ TABLES: dict[str, Table] = {
         },
         of_json("docs/study/two_fingers.json", {"oracle": "true relative yaw", "none": "none"}, "touch"),
     ),
+    "fingers": Table(
+        {
+            "pushes": "{name}",
+            "recordings": "{recordings}",
+            "final error": "{final_mm_median:.1f} mm, {final_deg_median:.1f}° ({final_mm_worst:.0f} mm)",
+            "lost": "{lost}",
+            "in 95 %: contact, end": "{inside_contact_mean:.0%}, {inside_final_mean:.0%}",
+            "`ambiguous`": "{ambiguous_mean:.1%}",
+        },
+        of_json("docs/study/fingers.json", {"ideal": "ideal", "set_up": "with errors of a set-up"}),
+    ),
+    "fingers-unknown": Table(
+        {"recordings": "{recordings}", "found": "{found_share:.0%}", "honest": "{honest_share:.0%}"},
+        of_json("docs/study/fingers.json", {"unknown_start": ""}),
+    ),
     "balls": Table(
         {
             "images": "{name}",

@@ -14,7 +14,7 @@ from palpate.errors import FrameError
 from palpate.geometry import se2
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
 from palpate.input.hand_values import with_checked_hand_values
-from palpate.input.image_queue import MOST_DELAY, ImageQueue, Seen
+from palpate.input.image_queue import PATIENCE, ImageQueue, Seen
 from palpate.input.input_gate import InputGate
 from palpate.status import InputEvidence
 from palpate.touch.calibration import Calibration
@@ -22,15 +22,6 @@ from palpate.touch.pipeline import TouchReader
 from palpate.types.estimate import Clearance
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement
-
-_HELD = 0.15
-"""[s] for which the last contact of a finger holds that gives nothing."""
-_HELD_INTERVALS = 3.0
-"""The same in intervals between its images, of a slow camera."""
-_LEAST_STEP = 1e-4
-"""[s] from one time that is estimated to the next."""
-_LATE = 0.1
-"""[s] Delay of images from which it is named."""
 
 
 class PredictedFingers(Protocol):
@@ -87,7 +78,7 @@ class Finger:
         """Return True if what it last showed still holds at a time [s]."""
         if self.seen_at is None:
             return False
-        return time - self.seen_at <= max(_HELD, _HELD_INTERVALS * self.interval)
+        return time - self.seen_at <= max(PATIENCE.held, PATIENCE.held_intervals * self.interval)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,12 +226,12 @@ class HandGate:
             if name not in images and name not in flags:
                 continue
             time = (stamps.get(name, given.time) - finger.delay) if name in images else given.time
-            if time > given.time + _LATE:
+            if time > given.time + PATIENCE.late:
                 raise FrameError(
                     f"frame at {given.time:.3f} s has an image of finger {name} from {time:.3f} s, which is to come; "
                     "its time must be that of the frame or before"
                 )
-            if given.time - time > MOST_DELAY:
+            if given.time - time > PATIENCE.most_delay:
                 reasons.append(f"images of finger {name} are {given.time - time:.1f} s old and are left out")
                 continue
             finger.queue.add(Seen(time, images.get(name), flags.get(name)), given.time)
@@ -250,12 +241,12 @@ class HandGate:
         before = self._path
         if before and given.time <= before[-1][0]:
             raise FrameError(f"frame at {given.time:.3f} s follows one at {before[-1][0]:.3f} s; times must increase")
-        recent = [(time, pose) for time, pose in before if time > given.time - 1.5 * MOST_DELAY]
+        recent = [(time, pose) for time, pose in before if time > given.time - 1.5 * PATIENCE.most_delay]
         self._path_with_frame = [*recent, (given.time, given.sensor_pose)]
         alive = [finger.queue.delay for finger in self.fingers if finger.queue.is_alive(given.time)]
         time = given.time - max(alive, default=0.0)
         if self.last is not None:
-            time = max(time, self.last.time + _LEAST_STEP)
+            time = max(time, self.last.time + PATIENCE.least_step)
         if time >= given.time:
             return given.time, given.sensor_pose, None
         times = np.array([each for each, _ in self._path_with_frame])
@@ -322,7 +313,7 @@ class HandGate:
         """Return the signs that the stream is faulty or weak, of all fingers."""
         evidence = {self.fingers[k].name: one.evidence for k, one in seen.items()}
         for finger in self.fingers:
-            if finger.queue.delay > _LATE:
+            if finger.queue.delay > PATIENCE.late:
                 reasons.append(
                     f"images of finger {finger.name} are {1e3 * finger.queue.delay:.0f} ms behind the frames"
                 )

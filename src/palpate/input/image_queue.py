@@ -4,16 +4,33 @@ The hand is estimated at the time of the latest camera, so that no finger is ahe
 """
 
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from palpate.arrays import Image
 
-_SLACK = 8e-3
-"""[s] by which an image may be newer than the time that is estimated: no frame lies between."""
-_LEAST_DELAY = 5e-3
-"""[s] Delay of images from which the estimate waits for them."""
-MOST_DELAY = 0.8
-"""[s] Delay of images up to which the estimate waits for them."""
+
+@dataclass(frozen=True)
+class _Patience:
+    """How long the estimate of a hand waits for a finger. These are no settings."""
+
+    slack: float = 8e-3
+    """[s] by which an image may be newer than the time that is estimated: no frame lies between."""
+    least_delay: float = 5e-3
+    """[s] Delay of images from which the estimate waits for them."""
+    most_delay: float = 0.8
+    """[s] Delay of images up to which the estimate waits for them."""
+    late: float = 0.1
+    """[s] Delay of images from which it is named."""
+    least_step: float = 1e-4
+    """[s] from one time that is estimated to the next."""
+    held: float = 0.15
+    """[s] for which the last contact of a finger holds that gives nothing."""
+    held_intervals: float = 3.0
+    """The same in intervals between its images, of a slow camera."""
+
+
+PATIENCE = _Patience()
 
 
 class Seen(NamedTuple):
@@ -37,20 +54,20 @@ class ImageQueue:
 
     def is_alive(self, time: float) -> bool:
         """Return True if anything came of late, so that its delay counts at a time [s]."""
-        return self.newest is not None and time - self.newest < MOST_DELAY
+        return self.newest is not None and time - self.newest < PATIENCE.most_delay
 
     def add(self, seen: Seen, frame_time: float) -> None:
         """Add what came with a frame; an image of a time that came before is left out."""
         if self.newest is not None and seen.time <= self.newest:
             return
         delay = frame_time - seen.time
-        self.delay = delay if delay > _LEAST_DELAY else 0.0
+        self.delay = delay if delay > PATIENCE.least_delay else 0.0
         self.newest = seen.time
         self._waiting.append(seen)
 
     def take(self, time: float) -> Seen | None:
         """Return the newest that is of this time [s] or before; None if nothing came since the last."""
         taken = None
-        while self._waiting and self._waiting[0].time <= time + _SLACK:
+        while self._waiting and self._waiting[0].time <= time + PATIENCE.slack:
             taken = self._waiting.popleft()
         return taken

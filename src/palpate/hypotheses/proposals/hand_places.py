@@ -4,6 +4,7 @@ Places are those of the first finger that touches. What the others see of the ob
 nothing is outside it, makes them more or less likely and moves them.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,14 +22,22 @@ from palpate.models.pushing.belief import Belief, clearances
 from palpate.models.pushing.contact_geometry import ContactModel
 from palpate.models.pushing.measurements import Step
 
-_GAP_SIGMA = 1.5e-3
-"""[m] Standard deviation of the distance of another finger from the outline, in contact and just outside."""
-_LEAST_DIRECTION_SIGMA = 0.06
-"""[rad] Least standard deviation of a direction that another finger measures."""
-_ITERATIONS = 4
-"""Gauss-Newton steps towards a pose that fits another finger."""
-_DIFFERENCE = 1e-6
-"""[m], [rad] Change of a pose over which derivatives are taken."""
+
+@dataclass(frozen=True)
+class _Fit:
+    """How places are fitted to another finger. These are no settings: the graph of the contact takes over."""
+
+    gap_sigma: float = 1.5e-3
+    """[m] Standard deviation of the distance of another finger from the outline, in contact and just outside."""
+    least_direction_sigma: float = 0.06
+    """[rad] Least standard deviation of a direction that another finger measures."""
+    iterations: int = 4
+    """Gauss-Newton steps towards a pose that fits another finger."""
+    difference: float = 1e-6
+    """[m], [rad] Change of a pose over which derivatives are taken."""
+
+
+_FIT = _Fit()
 
 
 def leaves_several_places(belief: Belief, touch_sign: Array, model: ContactModel, step: Step) -> Flags:
@@ -95,7 +104,7 @@ def _fitted(places: BeliefsAtPlaces, other: _Other) -> BeliefsAtPlaces:
         kept = np.flatnonzero(squares < UNLIKELY**2)
         likely = BeliefsAtPlaces(places.belief, places.parent, places.log_likelihood - 0.5 * squares)
         return likely.take(kept) if len(kept) else places
-    for _ in range(_ITERATIONS):
+    for _ in range(_FIT.iterations):
         moved = -np.einsum("nir,nr->ni", update.gain, update.off)
         update = _updated(places.belief, moved, other)
     squares = np.einsum("nr,nrs,ns->n", update.off, np.linalg.inv(update.expected), update.off)
@@ -130,10 +139,10 @@ def _updated(belief: Belief, moved: Array, other: _Other) -> _Update:
     pose = se2.compose(belief.pose, se2.exp(moved))
     residual, deviations = _residual(belief, pose, other)
     slopes = np.empty((*residual.shape, 3))
-    for k, change in enumerate(_DIFFERENCE * np.eye(3)):
+    for k, change in enumerate(_FIT.difference * np.eye(3)):
         difference = _residual(belief, se2.compose(pose, change), other)[0] - residual
         difference[:, 1:] = se2.wrap(difference[:, 1:])
-        slopes[..., k] = difference / _DIFFERENCE
+        slopes[..., k] = difference / _FIT.difference
     variances = np.square(deviations)
     across = belief.pose_covariance @ slopes.transpose(0, 2, 1)
     expected = slopes @ across + np.diag(variances)
@@ -147,13 +156,13 @@ def _residual(belief: Belief, pose: Array, other: _Other) -> tuple[Array, list[f
     gap, _ = clearances(at, other.model, other.step.sensor_pose[None])
     directions = other.step.directions(at, np.ones(len(pose))) if other.touches else []
     if not directions or other.model.radius == 0.0:
-        return gap, [_GAP_SIGMA]
+        return gap, [_FIT.gap_sigma]
     angle, variance = directions[0]
     g = se2.between(pose, other.step.sensor_pose)
     normal = other.model.touching(g[:, None])["normal"][:, 0]
     off = se2.wrap(np.angle(-normal * np.exp(-1j * g[:, 2])) - angle)
-    sigma = max(float(np.sqrt(variance)), _LEAST_DIRECTION_SIGMA)
-    return np.column_stack([gap[:, 0], off]), [_GAP_SIGMA, sigma]
+    sigma = max(float(np.sqrt(variance)), _FIT.least_direction_sigma)
+    return np.column_stack([gap[:, 0], off]), [_FIT.gap_sigma, sigma]
 
 
 def _joined(one: BeliefsAtPlaces, other: BeliefsAtPlaces) -> BeliefsAtPlaces:

@@ -1,0 +1,208 @@
+"""A hand of two fingers, each a sensor of its own, pushes a rectangle flat with both of them, or a disc with one."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate import DIGIT, ContactDirection, Disc, Frame, FrameError, Rectangle, SensorProfile, SettingError, Tracker
+
+TIP = SensorProfile("round tip", radius=0.02)
+MOUNTS = {"left": (0.0, 0.02, 0.0), "right": (0.0, -0.02, 0.0)}
+BOX = Rectangle(0.12, 0.1)
+SIGMA = (3e-3, 3e-3, 0.05)
+OFF = np.array([2e-3, -2e-3, 0.05])
+"""Error of the first pose [m, m, rad]."""
+
+
+class Directions:
+    """Touch that measures the direction it is told."""
+
+    def __init__(self, angle: float = 0.0) -> None:
+        self.angle = angle
+
+    def measure(self, frame: Frame) -> list[ContactDirection]:
+        return [ContactDirection(self.angle, 0.03**2)]
+
+    def end_contact(self) -> None:
+        pass
+
+
+def hand(
+    shape: palpate.Shape = BOX, first: Any = OFF, names: tuple[str, ...] = ("left", "right"), **more: Any
+) -> Tracker:
+    more = {"first_pose_sigma": SIGMA, "is_view_known": True, **more}
+    return Tracker(shape, dict.fromkeys(names, TIP), first, mounts={name: MOUNTS[name] for name in names}, **more)
+
+
+def push(count: int = 60, turn: float = 0.0) -> list[tuple[Frame, np.ndarray]]:
+    """Frames with the true pose of the box, which both fingers push along x and turn by `turn` [rad] in all.
+
+    Ten frames before, the hand comes up; the box lies flat against both tips from then on.
+    """
+    frames = []
+    for k in range(count):
+        pushed = max(k - 10, 0)
+        before = 8e-4 * max(10 - k, 0)
+        yaw = turn * pushed / (count - 11)
+        box = np.array([8e-4 * pushed, 0.0, yaw])
+        out = -0.06 - before
+        pose = np.array([box[0] + out * math.cos(yaw), box[1] + out * math.sin(yaw), yaw])
+        touches = k >= 10
+        frames.append((Frame(k / 30.0, pose, contacts={"left": touches, "right": touches}), box))
+    return frames
+
+
+def test_two_fingers_on_one_side_see_its_yaw_at_once():
+    tracker = hand()
+    frames = push(16)
+    first = tracker.update(frames[0][0])
+    assert not first.contact
+    estimates = [tracker.update(frame) for frame, _ in frames[1:]]
+    assert estimates[-1].contact
+    assert abs(estimates[-1].pose[2]) < 0.4 * OFF[2]  # no touch measures a direction here
+    assert math.sqrt(estimates[-1].covariance[2, 2]) < 0.5 * SIGMA[2]
+    assert abs(estimates[-1].pose[0] - frames[-1][1][0]) < 1.2e-3
+
+
+def test_the_object_turns_with_fingers_that_hold_it():
+    tracker = hand(first=np.zeros(3))
+    frames = push(70, turn=0.3)
+    for frame, box in frames:
+        estimate = tracker.update(frame)
+        off = estimate.pose - box
+        assert np.hypot(off[0], off[1]) < 4e-3
+        assert abs(off[2]) < 0.02
+    assert frames[-1][1][2] == pytest.approx(0.3)
+
+
+def test_the_order_of_the_fingers_changes_nothing():
+    one = hand()
+    other = hand(names=("right", "left"))
+    for frame, _ in push(30):
+        pose = one.update(frame).pose
+        assert other.update(frame).pose == pytest.approx(pose, abs=1e-6)
+
+
+def test_each_finger_has_variables_of_its_own():
+    tracker = hand(first=np.zeros(3), touch={"left": Directions(0.04)})
+    for frame, _ in push(40):
+        tracker.update(frame)
+    left, left_sigma = tracker.variable("direction_bias.left")
+    right, right_sigma = tracker.variable("direction_bias.right")
+    assert left[0] > 0.005
+    assert left_sigma[0] < right_sigma[0]
+    assert (right[0], right_sigma[0]) == pytest.approx((0.0, 0.02), abs=2e-3)
+    with pytest.raises(SettingError, match="thumb"):
+        tracker.variable("depth.thumb")
+
+
+def test_a_finger_that_joins_later_and_comes_back_is_taken_in():
+    tracker = hand()
+    flags = {20: True, 30: False, 40: True}
+    now = False
+    for k, (frame, _) in enumerate(push(60)):
+        now = flags.get(k, now)
+        contacts = {"left": k >= 10, "right": now}
+        estimate = tracker.update(Frame(frame.time, frame.sensor_pose, contacts=contacts))
+        assert estimate.contact == (k >= 10)
+    assert abs(estimate.pose[2]) < 0.4 * OFF[2]
+    assert abs(estimate.pose[0] - push(60)[-1][1][0]) < 1.5e-3
+
+
+def test_a_finger_that_drops_out_is_named_and_the_other_goes_on():
+    tracker = hand()
+    reasons = []
+    for k, (frame, _) in enumerate(push(60)):
+        contacts = dict(frame.contacts or {})
+        if k > 30:
+            del contacts["right"]
+        estimate = tracker.update(Frame(frame.time, frame.sensor_pose, contacts=contacts))
+        reasons.append(estimate.reason)
+    assert not any("right" in reason for reason in reasons[1:31])
+    assert all("right" in reason for reason in reasons[40:])
+    assert estimate.contact
+    off = estimate.pose - push(60)[-1][1]  # which is hardly turned
+    assert off @ np.linalg.solve(estimate.covariance, off) < 11.3
+
+
+def test_fingers_that_are_exchanged_are_found_out_by_what_they_see():
+    disc = Disc(0.05)
+    seen = math.asin(0.02 / 0.07)  # the left finger meets the disc off its middle, and pushes on
+    touch = {"left": Directions(), "right": Directions(-seen)}
+    tracker = hand(disc, np.zeros(3), touch=touch, is_view_known=False)
+    start = -math.sqrt(0.07**2 - 0.02**2) + 0.02
+    for k in range(40):
+        pose = np.array([start + 5e-4 * max(k - 10, 0) * 0.2, 0.0, 0.0])
+        estimate = tracker.update(Frame(k / 30.0, pose, contacts={"left": False, "right": k >= 10}))
+    assert tracker.mirrored
+    assert "exchanged" in estimate.reason
+
+
+def test_the_same_fingers_that_are_not_exchanged_raise_no_doubt():
+    disc = Disc(0.05)
+    seen = math.asin(0.02 / 0.07)
+    tracker = hand(disc, np.zeros(3), touch={"left": Directions(-seen)}, is_view_known=False)
+    start = -math.sqrt(0.07**2 - 0.02**2) + 0.02
+    for k in range(40):
+        pose = np.array([start + 5e-4 * max(k - 10, 0) * 0.2, 0.0, 0.0])
+        estimate = tracker.update(Frame(k / 30.0, pose, contacts={"left": k >= 10, "right": False}))
+    assert not tracker.mirrored
+    assert "exchanged" not in estimate.reason
+
+
+def test_images_that_come_late_are_named():
+    gel = np.random.default_rng(1).integers(90, 110, (320, 240, 3)).astype(np.uint8)
+    tracker = Tracker(BOX, {"left": DIGIT, "right": DIGIT}, np.zeros(3), mounts=MOUNTS)
+    for k in range(12):
+        time = k / 30.0
+        stamps = {"left": time - 0.2, "right": time}
+        frame = Frame(time, [-0.2, 0.0, 0.0], images={"left": gel + k % 2, "right": gel + k % 2}, image_times=stamps)
+        reason = tracker.update(frame).reason
+    assert "left" in reason
+    assert "200 ms" in reason
+    assert "right" not in reason
+
+
+@pytest.mark.parametrize(
+    ("values", "names"),
+    [
+        ({"images": {"thumb": np.zeros((320, 240, 3), np.uint8)}}, ["thumb", "left, right"]),
+        ({"contacts": {"thumb": True}}, ["thumb", "left, right"]),
+        ({"contacts": {"left": "yes"}}, ["left", "yes"]),
+        ({"images": {"left": np.zeros((320, 240))}}, ["left", "float64"]),
+        ({"finger_poses": {"left": [0.0, np.nan, 0.0]}, "contacts": {"left": True}}, ["left", "nan"]),
+        ({"contacts": {"left": True}, "image_times": {"left": "now"}}, ["left", "now"]),
+        ({"image": np.zeros((320, 240, 3), np.uint8)}, ["image", "left, right"]),
+    ],
+)
+def test_values_that_cannot_be_used_are_named_with_their_finger(values: dict[str, Any], names: list[str]):
+    tracker = hand()
+    with pytest.raises(FrameError) as error:
+        tracker.update(Frame(0.0, np.array([-0.2, 0.0, 0.0]), **values))
+    for name in names:
+        assert name in str(error.value)
+
+
+def test_one_sensor_takes_no_frames_of_a_hand():
+    tracker = Tracker(BOX, TIP, np.zeros(3))
+    with pytest.raises(FrameError, match="contacts by finger"):
+        tracker.update(Frame(0.0, np.array([-0.2, 0.0, 0.0]), contact=False, contacts={"left": True}))
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ({"mounts": {"left": (0.0, 0.02, 0.0)}}, "right"),
+        ({"mounts": None}, "left"),
+        ({"touch": {"thumb": Directions()}}, "thumb"),
+        ({"touch": Directions()}, "left, right"),
+        ({"calibration": {"left": "unit.npz"}}, "left"),
+    ],
+)
+def test_arguments_of_fingers_that_are_not_there_are_named(more: dict[str, Any], named: str):
+    given = {"mounts": MOUNTS, **more}
+    with pytest.raises(SettingError, match=named):
+        Tracker(BOX, {"left": TIP, "right": TIP}, np.zeros(3), **given)
