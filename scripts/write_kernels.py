@@ -16,7 +16,11 @@ from palpate.models.pushing.settings import SETTINGS
 
 FOLDER = Path(__file__).parents[1] / "src/palpate/models"
 SOURCE = "palpate.models.pushing"
-MODELS = {"generated.py": MODEL, "generated_two_fingers.py": hand_model(2)}
+MODELS = {
+    "generated.py": MODEL,
+    "generated_two_fingers.py": hand_model(2),
+    "generated_three_fingers.py": hand_model(3),
+}
 
 
 def main() -> int:

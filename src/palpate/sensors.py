@@ -37,7 +37,7 @@ from palpate.types.sensor import SensorProfile
 
 @dataclass(frozen=True, eq=False)
 class ForFilter:
-    """What the filter of a tracker is made with."""
+    """Inputs of the filter of a tracker."""
 
     model: ContactModel
     noise: NoiseSettings
@@ -197,7 +197,7 @@ class OneSensor:
 
 @dataclass(frozen=True, eq=False)
 class Units:
-    """What belongs to single fingers of a hand, by their names; some may be left out."""
+    """Properties of single fingers of a hand, by their names; some may be left out."""
 
     models: Mapping[str, TouchModel]
     calibrations: Mapping[str, Calibration]
@@ -339,7 +339,7 @@ def _refused(hand: Hand) -> Hand:
 
 
 def units_of(shape: Shape, settings: Any, hand: Hand, model: Any, calibration: Any, touch: Any) -> Units:
-    """Return what belongs to single fingers; raises SettingError on values of another kind or finger."""
+    """Return the properties of single fingers; raises SettingError on values of another kind or finger."""
     models = dict.fromkeys(hand.fingers, model) if isinstance(model, TouchModel) else _by_finger("model", model, hand)
     calibrations = _by_finger("calibration", calibration, hand)
     own = _by_finger("touch", touch, hand)

@@ -55,6 +55,10 @@ def push(count: int = 60, turn: float = 0.0) -> list[tuple[Frame, np.ndarray]]:
     return frames
 
 
+def updated(tracker: Tracker, frames: list[Frame]) -> list[palpate.Estimate]:
+    return [tracker.update(frame) for frame in frames]
+
+
 def test_two_fingers_on_one_side_see_its_yaw_at_once():
     tracker = hand()
     frames = push(16)
@@ -100,67 +104,66 @@ def test_each_finger_has_variables_of_its_own():
 
 
 def test_a_finger_that_joins_later_and_comes_back_is_taken_in():
-    tracker = hand()
-    flags = {20: True, 30: False, 40: True}
-    now = False
+    frames = []
     for k, (frame, _) in enumerate(push(60)):
-        now = flags.get(k, now)
-        contacts = {"left": k >= 10, "right": now}
-        estimate = tracker.update(Frame(frame.time, frame.sensor_pose, contacts=contacts))
-        assert estimate.contact == (k >= 10)
-    assert abs(estimate.pose[2]) < 0.4 * OFF[2]
-    assert abs(estimate.pose[0] - push(60)[-1][1][0]) < 1.5e-3
+        joins = 20 <= k < 30 or k >= 40
+        frames.append(Frame(frame.time, frame.sensor_pose, contacts={"left": k >= 10, "right": joins}))
+    estimates = updated(hand(), frames)
+    assert [estimate.contact for estimate in estimates] == [k >= 10 for k in range(60)]
+    assert abs(estimates[-1].pose[2]) < 0.4 * OFF[2]
+    assert abs(estimates[-1].pose[0] - push(60)[-1][1][0]) < 1.5e-3
 
 
 def test_a_finger_that_drops_out_is_named_and_the_other_goes_on():
-    tracker = hand()
-    reasons = []
+    frames = []
     for k, (frame, _) in enumerate(push(60)):
-        contacts = dict(frame.contacts or {})
-        if k > 30:
-            del contacts["right"]
-        estimate = tracker.update(Frame(frame.time, frame.sensor_pose, contacts=contacts))
-        reasons.append(estimate.reason)
+        contacts = {"left": k >= 10} if k > 30 else {"left": k >= 10, "right": k >= 10}
+        frames.append(Frame(frame.time, frame.sensor_pose, contacts=contacts))
+    estimates = updated(hand(), frames)
+    reasons = [estimate.reason for estimate in estimates]
     assert not any("right" in reason for reason in reasons[1:31])
     assert all("right" in reason for reason in reasons[40:])
-    assert estimate.contact
-    off = estimate.pose - push(60)[-1][1]  # which is hardly turned
-    assert off @ np.linalg.solve(estimate.covariance, off) < 11.3
+    last = estimates[-1]
+    assert last.contact
+    off = last.pose - push(60)[-1][1]  # which is hardly turned
+    assert off @ np.linalg.solve(last.covariance, off) < 11.3
+
+
+def push_of_disc(left: bool) -> list[Frame]:
+    """Frames of the left finger, as it meets a disc off its middle; stated as those of the right one unless `left`."""
+    start = 0.02 - math.sqrt(0.07**2 - 0.02**2)
+    frames = []
+    for k in range(40):
+        pose = np.array([start + 1e-4 * max(k - 10, 0), 0.0, 0.0])
+        frames.append(Frame(k / 30.0, pose, contacts={"left": left and k >= 10, "right": not left and k >= 10}))
+    return frames
 
 
 def test_fingers_that_are_exchanged_are_found_out_by_what_they_see():
-    disc = Disc(0.05)
-    seen = math.asin(0.02 / 0.07)  # the left finger meets the disc off its middle, and pushes on
-    touch = {"left": Directions(), "right": Directions(-seen)}
-    tracker = hand(disc, np.zeros(3), touch=touch, is_view_known=False)
-    start = -math.sqrt(0.07**2 - 0.02**2) + 0.02
-    for k in range(40):
-        pose = np.array([start + 5e-4 * max(k - 10, 0) * 0.2, 0.0, 0.0])
-        estimate = tracker.update(Frame(k / 30.0, pose, contacts={"left": False, "right": k >= 10}))
+    touch = {"right": Directions(-math.asin(0.02 / 0.07))}
+    tracker = hand(Disc(0.05), np.zeros(3), touch=touch, is_view_known=False)
+    last = updated(tracker, push_of_disc(left=False))[-1]
     assert tracker.mirrored
-    assert "exchanged" in estimate.reason
+    assert "exchanged" in last.reason
 
 
-def test_the_same_fingers_that_are_not_exchanged_raise_no_doubt():
-    disc = Disc(0.05)
-    seen = math.asin(0.02 / 0.07)
-    tracker = hand(disc, np.zeros(3), touch={"left": Directions(-seen)}, is_view_known=False)
-    start = -math.sqrt(0.07**2 - 0.02**2) + 0.02
-    for k in range(40):
-        pose = np.array([start + 5e-4 * max(k - 10, 0) * 0.2, 0.0, 0.0])
-        estimate = tracker.update(Frame(k / 30.0, pose, contacts={"left": k >= 10, "right": False}))
+def test_fingers_that_are_not_exchanged_raise_no_doubt():
+    touch = {"left": Directions(-math.asin(0.02 / 0.07))}
+    tracker = hand(Disc(0.05), np.zeros(3), touch=touch, is_view_known=False)
+    last = updated(tracker, push_of_disc(left=True))[-1]
     assert not tracker.mirrored
-    assert "exchanged" not in estimate.reason
+    assert "exchanged" not in last.reason
 
 
 def test_images_that_come_late_are_named():
     gel = np.random.default_rng(1).integers(90, 110, (320, 240, 3)).astype(np.uint8)
     tracker = Tracker(BOX, {"left": DIGIT, "right": DIGIT}, np.zeros(3), mounts=MOUNTS)
+    frames = []
     for k in range(12):
-        time = k / 30.0
-        stamps = {"left": time - 0.2, "right": time}
-        frame = Frame(time, [-0.2, 0.0, 0.0], images={"left": gel + k % 2, "right": gel + k % 2}, image_times=stamps)
-        reason = tracker.update(frame).reason
+        stamps = {"left": k / 30.0 - 0.2, "right": k / 30.0}
+        images = {"left": gel + k % 2, "right": gel + k % 2}
+        frames.append(Frame(k / 30.0, np.array([-0.2, 0.0, 0.0]), images=images, image_times=stamps))
+    reason = updated(tracker, frames)[-1].reason
     assert "left" in reason
     assert "200 ms" in reason
     assert "right" not in reason

@@ -115,7 +115,7 @@ class Symbols:
         return fields
 
     def _seen_by_finger(self, step: str, finger: int, fields: dict[str, Any], first_column: int) -> dict[str, Any]:
-        """Return what a finger has of its own in a step: its poses in place of the hand's, its contact and numbers."""
+        """Return the fields of a finger in a step: its poses in place of the hand's, its contact and numbers."""
         hand_T_finger = self._pose(f"{step}_finger", f"{step}.finger[{finger}]", f"{step}.turn_finger[{finger}]")
         own = {variable.field: fields[variable.field].compose(hand_T_finger) for variable in self.model.of("step")}
         for name in self.model.finger_numbers:

@@ -268,7 +268,7 @@ class HandGate:
     def _seen(
         self, frame: Frame, mounts: Array, predicted: PredictedFingers, reasons: list[str]
     ) -> dict[int, CheckedFrame]:
-        """Return what the gates of the fingers make of the images and flags whose time has come.
+        """Return the frames that the gates of the fingers make of the images and flags whose time has come.
 
         A finger that cannot be used is left out, with a reason; raises FrameError if that is true of all that came.
         """

@@ -12,7 +12,7 @@ from palpate.arrays import Image
 
 @dataclass(frozen=True)
 class _Patience:
-    """How long the estimate of a hand waits for a finger. These are no settings."""
+    """Times for which the estimate of a hand waits for a finger. These are no settings."""
 
     slack: float = 8e-3
     """[s] by which an image may be newer than the time that is estimated: no frame lies between."""
@@ -43,7 +43,7 @@ class Seen(NamedTuple):
 
 
 class ImageQueue:
-    """What one finger has seen, until its time comes."""
+    """Images and flags of one finger, until their time comes."""
 
     def __init__(self) -> None:
         self.delay = 0.0

@@ -25,7 +25,7 @@ from palpate.models.pushing.measurements import Step
 
 @dataclass(frozen=True)
 class _Fit:
-    """How places are fitted to another finger. These are no settings: the graph of the contact takes over."""
+    """Numbers of the fit to another finger. They are no settings: the graph of the contact takes over."""
 
     gap_sigma: float = 1.5e-3
     """[m] Standard deviation of the distance of another finger from the outline, in contact and just outside."""
@@ -120,7 +120,7 @@ def _fitted(places: BeliefsAtPlaces, other: _Other) -> BeliefsAtPlaces:
 
 
 class _Update(NamedTuple):
-    """What another finger sees of the object at N places, linearised at poses near these."""
+    """The object at N places as another finger sees it, linearised at poses near these."""
 
     residual: Array
     """Seen there, less measured, (N, R)."""
@@ -135,7 +135,7 @@ class _Update(NamedTuple):
 
 
 def _updated(belief: Belief, moved: Array, other: _Other) -> _Update:
-    """Return what another finger sees once the object has moved from the beliefs by tangent vectors (N, 3)."""
+    """Return the update by another finger once the object has moved from the beliefs by tangent vectors (N, 3)."""
     pose = se2.compose(belief.pose, se2.exp(moved))
     residual, deviations = _residual(belief, pose, other)
     slopes = np.empty((*residual.shape, 3))

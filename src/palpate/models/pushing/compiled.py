@@ -77,7 +77,7 @@ def extended_pushing(model: Model, path: Path | str) -> CompiledModel:
 def hand_pushing(fingers: int) -> CompiledModel:
     """Return the model of pushing with so many fingers, two or more, for compiled code.
 
-    That of two comes with palpate. For more, SymPy writes the code where compiled code is kept, once; raises
+    Those of two and three come with palpate. For more, SymPy writes the code where compiled code is kept, once; raises
     SettingError without SymPy, or where nothing can be kept.
     """
     model = hand_model(fingers)
@@ -85,6 +85,10 @@ def hand_pushing(fingers: int) -> CompiledModel:
         from palpate.models import generated_two_fingers
 
         return compiled_model(model, generated_two_fingers, "two_fingers")
+    if fingers == 3:
+        from palpate.models import generated_three_fingers
+
+        return compiled_model(model, generated_three_fingers, "three_fingers")
     folder = cache_folder(PUSHING.improve)
     if not folder:
         raise SettingError(

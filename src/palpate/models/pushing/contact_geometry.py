@@ -107,7 +107,7 @@ class ContactModel:
 
     @cached_property
     def surfaces(self) -> Any:
-        """What compiled code takes: the surface of the sensor, or those of all fingers."""
+        """Surface of the sensor, or those of all fingers, for compiled code."""
         return tuple(finger.surface for finger in self.fingers) if self.fingers else self.surface
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What a step of pushing with several fingers brings besides its factors: the contact of each finger and of the hand.
+"""Contacts of a step of pushing with several fingers, besides its factors: of each finger, and of the hand.
 
 The hand's contact is what balance and friction cone read: the middle of the touched points, with the mean normal.
 """
