@@ -108,6 +108,8 @@ def draw_from_above(axes: "Axes", run: Run) -> None:
         label = "" if index else "sensor (dotted: no contact)"
         axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label=label)
     frames = np.linspace(0, len(online) - 1, 12).astype(int)
+    if run.outline is not None:  # before it is touched, an object that nobody drew has no place
+        frames = frames[np.maximum.accumulate(online.contact)[frames]]
     ellipses = ellipses_95(online.pose[frames], online.covariance[frames])
     lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
     axes.plot(*millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")

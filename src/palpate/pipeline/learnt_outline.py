@@ -18,6 +18,7 @@ from palpate.types.outline import Outline
 
 def in_frame_of_truth(estimates: Sequence[Estimate], truth: Array) -> list[Estimate]:
     """Return the estimates with the object frame of the truth (N, 3), as it was at the first contact."""
+    estimates = _since_first_contact(estimates)
     both = [k for k, one in enumerate(estimates) if one.contact and np.isfinite(truth[k]).all()]
     if not both:
         return list(estimates)
@@ -41,6 +42,17 @@ def in_frame_of_truth(estimates: Sequence[Estimate], truth: Array) -> list[Estim
         covariance = motion @ one.covariance @ motion.T
         moved.append(replace(one, pose=pose, covariance=covariance, answers=answers, outline=outline))
     return moved
+
+
+def _since_first_contact(estimates: Sequence[Estimate]) -> list[Estimate]:
+    """Return the estimates, those before the first contact with its pose: until then there is no object frame."""
+    first = next((one for one in estimates if one.contact), estimates[0])
+    before = True
+    placed: list[Estimate] = []
+    for one in estimates:
+        before = before and not one.contact
+        placed.append(replace(one, pose=first.pose) if before else one)
+    return placed
 
 
 def outline_scores(outline: Outline, shape: Shape | None) -> dict[str, float | None]:
