@@ -45,13 +45,13 @@ class ClosedCurve:
     @classmethod
     def of(cls, shape: Shape) -> "ClosedCurve":
         """Return the curve of an outline about its centroid, or the nearest place inside it from which most is seen."""
-        points = shape.outline(4 * POINTS) @ (1.0, 1j)
+        points = np.asarray(shape.outline(4 * POINTS) @ (1.0, 1j), np.complex128)
         return cls.around(best_pole(points, complex(*shape.centroid.tolist())), points)
 
     @cached_property
     def points(self) -> Complex:
         """Points (N,) [m]."""
-        return self.pole + self.radii * WAYS
+        return np.asarray(self.pole + self.radii * WAYS, np.complex128)
 
     @cached_property
     def normals(self) -> Complex:
@@ -109,7 +109,7 @@ TO_COEFFICIENTS = np.linalg.inv(basis(np.arange(KNOTS, dtype=float)))
 
 def circle(radius: float, center: complex, pole: complex) -> ClosedCurve:
     """Return a circle [m] about a pole inside it."""
-    return ClosedCurve.around(pole, center + radius * np.exp(1j * ANGLES))
+    return ClosedCurve.around(pole, np.asarray(center + radius * WAYS, np.complex128))
 
 
 def best_pole(points: Complex, center: complex) -> complex:

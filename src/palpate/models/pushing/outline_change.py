@@ -38,7 +38,8 @@ class OutlineChange:
         joint = self._joint(len(self.offset) + 3)
         covariance = joint @ belief.covariance @ joint.T
         if not np.array_equal(self.matrix[OUTLINE_PLACE, OUTLINE_PLACE], np.eye(KNOTS)):
-            at = 3 + np.arange(OUTLINE_PLACE.start, OUTLINE_PLACE.stop)
+            size = covariance.shape[1]
+            at = np.arange(size - KNOTS, size)  # the outline is the last variable
             covariance[:, at, at] += _RESAMPLED**2 + (_LOST * _LOST) * covariance[:, at, at]
         covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
         return Belief(belief.pose, self.values(belief.values), covariance)
