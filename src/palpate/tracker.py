@@ -70,12 +70,11 @@ class Tracker:
         hand = hand_of(sensor, mounts)
         if hand is None:
             check_arguments(shape, settings, model, calibration, touch)
-        units = None if hand is None else units_of(shape, settings, hand, model, calibration, touch)
         settings = settings or TrackerSettings()
         self._settings = settings
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         self._sensors: Sensors
-        if hand is None or units is None:
+        if hand is None:
             of_sensor: Any = (known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
             warm_up()
             self._sensors = OneSensor(shape, settings, of_sensor, set_up_sigma, is_view_known, graph)
@@ -86,6 +85,7 @@ class Tracker:
                 raise SettingError(
                     "the outline is unknown, and the sensor is a hand; an outline is learnt by one sensor"
                 )
+            units = units_of(shape, settings, hand, model, calibration, touch)
             warm_up(len(hand.fingers))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
         self._filter = self._sensors.estimator(self._first, is_placed=first_pose is not None)

@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from functools import update_wrapper
 from typing import Any
 
 
@@ -14,7 +13,8 @@ class Kernel:
         """The function in Python."""
         self.options = options
         """Options of Numba."""
-        update_wrapper(self, function)  # generated code imports it by its name
+        self.__module__ = function.__module__  # generated code imports it from there by its name
+        self.__name__ = function.__name__
 
     def __reduce__(self) -> Any:
         """Return how a copy finds the same kernel: by its place, as all that a tracker holds are of a module."""

@@ -23,7 +23,7 @@ from palpate.hypotheses.posterior import Posterior
 from palpate.hypotheses.rest import Graph
 from palpate.hypotheses.rows import Hypotheses
 from palpate.hypotheses.weigher import Weigher
-from palpate.models.pushing.measurements import Step
+from palpate.models.pushing.measurements import Fingers, OfFinger, Step
 from palpate.models.pushing.outline_change import changed_outline
 from palpate.models.pushing.outline_prior import OUTLINE_PLACE, deviation_at_points, outline_prior, with_friction
 from palpate.models.pushing.outline_variable import OUTLINE
@@ -114,10 +114,16 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         self._touched_points: Flags = np.zeros(POINTS, np.bool_)
 
     def step(
-        self, frame: Frame, from_touch: Sequence[Measurement] = (), hidden_motion: float = 0.0, sunk: float = 0.0
+        self,
+        frame: Frame,
+        from_touch: Sequence[Measurement] = (),
+        hidden_motion: float = 0.0,
+        sunk: float = 0.0,
+        fingers: Fingers | None = None,
+        of_fingers: Sequence[OfFinger] = (),
     ) -> Posterior:
-        """Take a frame, and return the posterior with the outline; see `MultiHypothesisFilter`."""
-        posterior = super().step(frame, from_touch, hidden_motion, sunk)
+        """Take a frame of one sensor, and return the posterior with the outline; see `MultiHypothesisFilter`."""
+        posterior = super().step(frame, from_touch, hidden_motion, sunk, fingers, of_fingers)
         outline = self._outline()
         evidence = replace(
             posterior.evidence,

@@ -124,6 +124,7 @@ class FrameTurnMonitor:
         place = se2.transform(object_T_sensor[:, None], point)[:, 0]
         step = 1e-4  # [m]
         shifts = step * np.array(((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)))
+        assert self._shape is not None, "it is looked at no longer"
         distance = self._shape.signed_distance(place + shifts[:, None])
         inward = np.arctan2(distance[3] - distance[2], distance[1] - distance[0])
         return se2.wrap(inward - object_T_sensor[:, 2] - direction)

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -258,7 +257,6 @@ class ContactDetector:
             )
 
 
-@cache
 def touched(images: Sequence[bytes], sensor: SensorProfile, calibration: Calibration | None = None) -> Flags:
     """Return flags (N,) of encoded images that show a touch; those that are damaged or show no gel count as none."""
     detector = ContactDetector(sensor, calibration)
