@@ -16,6 +16,7 @@ from palpate.estimation.window import LAG
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.layout import IN_OBJECT, OBJECT_SIZE
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
@@ -131,7 +132,7 @@ def window_of(given: Contact, noise: NoiseSettings, lag: int = LAG, belief: Beli
     """The window of a whole contact, by default of one hypothesis."""
     factors = settings_record(noise, given.model)
     known = given.prior if belief is None else belief
-    window = ContactWindow(factors, given.model, known, given.step(0), lag)
+    window = ContactWindow(Graph(factors, given.model), known, given.step(0), lag)
     for t in range(1, len(given.sensor)):
         window.add(given.step(t))
     return window

@@ -15,6 +15,7 @@ from smoother_samples import FELT, PLAIN, belief_at
 
 from palpate import ContactDirection, NoiseSettings, Turn
 from palpate.geometry import se2
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.layout import IN_OBJECT, OBJECT_SIZE
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
@@ -96,7 +97,7 @@ def estimated(drawn: DrawOf, touch: bool) -> tuple[Array, Array]:
     told += range(*IN_OBJECT[FRICTION_CENTER].indices(OBJECT_SIZE))
     for k in range(drawn.count):
         steps = [Step(given.sensor[t, k], said(t, k)) for t in range(STEPS + 1)]
-        window = ContactWindow(factors, MODEL, belief_at(given.first[k], PLAIN), steps[0], LAG)
+        window = ContactWindow(Graph(factors, MODEL), belief_at(given.first[k], PLAIN), steps[0], LAG)
         for step in steps[1:]:
             window.add(step)
         belief = window.belief()

@@ -10,6 +10,7 @@ from palpate import GELSIGHT_MINI, ContactPlace, Disc, Ellipse, EstimationError,
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import contact_model
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.layout import IN_OBJECT, column
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
@@ -103,7 +104,7 @@ def test_what_all_places_are_off_by_is_learnt_where_the_pose_is_known():
     first, way = np.array([-0.05, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0])
     belief = Belief(np.zeros((1, 3)), object_prior(settings.priors).mean[None], np.diag(sure**2)[None])
     said = [ContactPlace(touch(DISC, *first)["material"].imag + 1e-3, 1e-8)]
-    contact = ContactWindow(settings_record(settings, DISC), DISC, belief, Step(first, said))
+    contact = ContactWindow(Graph(settings_record(settings, DISC), DISC), belief, Step(first, said))
     for step in range(1, 8):
         contact.add(Step(first + step * way, said))
     known = contact.belief()

@@ -23,6 +23,7 @@ from smoother_samples import FELT, ROBUST, belief_at
 from palpate import ContactDirection, Frame, NoiseSettings, Tracker, TrackerSettings
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
@@ -71,7 +72,7 @@ def followed(o: Array, e: Array, noise: NoiseSettings, seed: int) -> tuple[Belie
     """The belief at the end of a contact in which directions are felt, its error along the side [m] and its NEES."""
     told = directions(se2.between(o, e), seed)
     seen = noisy(e, ROBUST.sensor_pose.deviation, np.random.default_rng(seed))
-    window = ContactWindow(settings_record(noise, MODEL), MODEL, belief_at(o[0], noise), Step(seen[0], told[:1]))
+    window = ContactWindow(Graph(settings_record(noise, MODEL), MODEL), belief_at(o[0], noise), Step(seen[0], told[:1]))
     for k in range(1, len(seen)):
         window.add(Step(seen[k], [told[k]]))
     belief = window.belief()

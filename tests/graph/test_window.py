@@ -9,6 +9,7 @@ from smoother_samples import PLAIN, ROBUST, TWO_TIPS, batch, contact, felt, scal
 from palpate import ContactDirection, EstimationError, ObjectPose, Turn
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.layout import IN_SHARED, NAMES
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.settings import settings_record
@@ -47,7 +48,7 @@ def assert_same(
 
 def without_touch(given, at: int, seen: ObjectPose) -> ContactWindow:
     """The window of a contact in which only one object pose is measured, in step `at`."""
-    window = ContactWindow(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
+    window = ContactWindow(Graph(settings_record(ROBUST, given.model), given.model), given.prior, Step(given.sensor[0]))
     for t in range(1, len(given.sensor)):
         window.add(Step(given.sensor[t], [seen] if t == at else [], times=[k / 30 for k in range(t + 1)]))
     return window
@@ -128,8 +129,8 @@ def test_mirrored_touch_is_read_with_the_opposite_sign():
 
     both = given.prior.take([0, 0])
     first = Step(given.sensor[0], given.said(0), from_touch=2)
-    window = ContactWindow(factors, given.model, both, first, sign=np.array([1.0, -1.0]))
-    as_told = ContactWindow(factors, given.model, given.prior, Step(given.sensor[0], mirrored(0)))
+    window = ContactWindow(Graph(factors, given.model), both, first, sign=np.array([1.0, -1.0]))
+    as_told = ContactWindow(Graph(factors, given.model), given.prior, Step(given.sensor[0], mirrored(0)))
     camera = ContactDirection(0.01, 1.0)  # of somebody else: not mirrored
     for t in range(1, 31):
         window.add(Step(given.sensor[t], [*given.said(t), camera], from_touch=len(given.said(t))))
@@ -152,15 +153,15 @@ def test_a_belief_that_is_no_gaussian_has_no_solution():
     factors, beliefs = settings_record(ROBUST, given.model), given.prior.take([0, 0])
     beliefs.covariance[1, 0, 0] = -1.0
     with pytest.raises(EstimationError, match="indeterminate"):
-        ContactWindow(factors, given.model, beliefs.take([1]), Step(given.sensor[0]))
-    window = ContactWindow(factors, given.model, beliefs, Step(given.sensor[0]))
+        ContactWindow(Graph(factors, given.model), beliefs.take([1]), Step(given.sensor[0]))
+    window = ContactWindow(Graph(factors, given.model), beliefs, Step(given.sensor[0]))
     assert window.rows["is_lost"].tolist() == [False, True]
 
 
 def test_costs_and_surprise_by_hand():
     """One measurement: half the square of the direction's error, and of the sensor's and contact's, which are small."""
     given = contact(4, ROBUST)
-    window = ContactWindow(settings_record(ROBUST, given.model), given.model, given.prior, Step(given.sensor[0]))
+    window = ContactWindow(Graph(settings_record(ROBUST, given.model), given.model), given.prior, Step(given.sensor[0]))
     for step in range(1, 5):
         assert (window.rows["surprise"] == 0.0).all()
         said = [ContactDirection(0.3, 1e-4), Turn(0.1, 1e-4)] if step == 4 else []

@@ -1,4 +1,4 @@
-"""What recordings are made of: files in any known format, bags, folders of images with tables, datasets of LeRobot."""
+"""Sources of recordings: files in any known format, bags, folders of images with tables, datasets of LeRobot."""
 
 from dataclasses import dataclass
 from pathlib import Path

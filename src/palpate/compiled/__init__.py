@@ -80,7 +80,7 @@ class Compiled:
         return kept[1]
 
     def __reduce__(self) -> Any:
-        """Return how a copy finds the same function: by its name, as code is not copied."""
+        """Return the name, by which a copy finds the same function, as code is not copied."""
         return _compiled_of, (self.name,)
 
     def load(self) -> None:

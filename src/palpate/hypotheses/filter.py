@@ -33,12 +33,13 @@ from palpate.hypotheses.proposals.shove import (
     shoved,
 )
 from palpate.hypotheses.reducer import reduced
-from palpate.hypotheses.rest import Graph, measured_at_rest
+from palpate.hypotheses.rest import measured_at_rest
 from palpate.hypotheses.rows import Hypotheses, single_hypothesis
 from palpate.hypotheses.weigher import Weigher, cost_of_contact
 from palpate.models.pushing.belief import Belief, clearances
 from palpate.models.pushing.compiled import PUSHING
 from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.measurements import Fingers, OfFinger, Step, step_of, timely
 from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
@@ -84,7 +85,7 @@ class MultiHypothesisFilter:
         self._monitor = ConsistencyMonitor(model, settings.noise, self._prior)
         self._weigher = Weigher(self._prior)
         self._own = OwnMeasurements(model=compiled.model)
-        self._rest_graph = Graph(self._settings_record, model, self._own, compiled)
+        self._graph = Graph(self._settings_record, model, self._own, compiled)
         self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
         """True if touch images are taken as turned by half a turn or mirrored, of a hand as of exchanged fingers."""
@@ -213,7 +214,7 @@ class MultiHypothesisFilter:
         since = time if self._resting_since is None else self._resting_since
         rows = self._bank.rows
         if measurements:
-            measured = measured_at_rest(rows, measurements, (since, time), self._monitor, self._rest_graph)
+            measured = measured_at_rest(rows, measurements, (since, time), self._monitor, self._graph)
             rows = measured.rows
             if measured.measures_pose:  # the object may be elsewhere, where the last contact tests nothing
                 self._touched = None
@@ -282,15 +283,7 @@ class MultiHypothesisFilter:
         """Begin the graph of a contact in all hypotheses."""
         rows = self._bank.rows
         self._bank.window = ContactWindow(
-            self._settings_record,
-            self._contact_model,
-            rows.belief,
-            step,
-            self._lag,
-            self._settings.priors,
-            rows.touch_sign,
-            self._own,
-            self._compiled,
+            self._graph, rows.belief, step, self._lag, self._settings.priors, rows.touch_sign
         )
 
     def _with_places(self, rows: Hypotheses, step: Step) -> Hypotheses:

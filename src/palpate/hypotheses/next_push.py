@@ -1,4 +1,4 @@
-"""Where to push next: the place of an outline at which a contact says most of pose and outline."""
+"""Choice of the next push: the place of an outline at which a contact says most of pose and outline."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,18 @@ from palpate.errors import EstimationError
 from palpate.geometry import se2
 from palpate.types.estimate import Estimate
 
-_CONTACT = 1e-3
-"""[m] Standard deviation of a contact's distance, that of `NoiseSettings.contact`."""
-_PATCH = 0.01
-"""[m] Length of the outline that a contact touches, with what it tells of its neighbours."""
+
+@dataclass(frozen=True)
+class _Touch:
+    """A contact as it is expected."""
+
+    contact: float = 1e-3
+    """[m] Standard deviation of a contact's distance, that of `NoiseSettings.contact`."""
+    patch: float = 0.01
+    """[m] Length of the outline that a contact touches, with what it tells of its neighbours."""
+
+
+_TOUCH = _Touch()
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +51,10 @@ def next_push(estimate: Estimate) -> NextPush:
     # A motion of the object in its body frame moves a point of its outline, along the normal by these shares.
     by_pose = np.column_stack((normal, points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]))
     variance = np.einsum("ni,ij,nj->n", by_pose, estimate.covariance, by_pose) + np.square(outline.deviation)
-    count = max(round(_PATCH / max(float(length.mean()), 1e-6)), 1) | 1
+    count = max(round(_TOUCH.patch / max(float(length.mean()), 1e-6)), 1) | 1
     around = np.arange(count) - count // 2
     nearby = variance[(np.arange(len(points))[:, None] + around) % len(points)].mean(axis=1)
     best = int(np.argmax(nearby))
-    information = 0.5 * float(np.log1p(nearby[best] / _CONTACT**2))
+    information = 0.5 * float(np.log1p(nearby[best] / _TOUCH.contact**2))
     direction = -se2.rotation(estimate.pose[2]) @ normal[best]
     return NextPush(se2.transform(estimate.pose, points[best]), direction, information)

@@ -4,30 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.estimation.compiled_model import CompiledModel
 from palpate.hypotheses.consistency import ConsistencyMonitor
 from palpate.hypotheses.rows import Hypotheses
-from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.measurements import Step, timely
-from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.rest_window import RestWindow, own_measure_pose
 from palpate.types.measurements import Measurement, ObjectPose, OwnMeasurement
-
-
-@dataclass(frozen=True, eq=False)
-class Graph:
-    """Inputs of the graph of the resting object."""
-
-    settings: NDArray[np.void]
-    """Settings of the factors; see `models.pushing.settings`."""
-    model: ContactModel
-    """The object's outline and the sensor."""
-    own: OwnMeasurements
-    """Measurements of the user's own."""
-    compiled: CompiledModel
-    """Variables and factors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,5 +49,5 @@ def measured_at_rest(
         tested = replace(tested, displacement=np.zeros(len(rows)))
     posterior = prior
     if usable:
-        posterior = RestWindow(graph.settings, graph.model, prior, step, graph.own, graph.compiled).belief()
+        posterior = RestWindow(graph, prior, step).belief()
     return MeasuredAtRest(replace(tested, belief=posterior), measures_pose)

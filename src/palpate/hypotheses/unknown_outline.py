@@ -9,7 +9,7 @@ its x axis along the direction of contact.
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from palpate.geometry.closed_curve import KNOTS, POINTS, best_pole
 from palpate.hypotheses.consistency import ConsistencyMonitor
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.hypotheses.posterior import Posterior
-from palpate.hypotheses.rest import Graph
 from palpate.hypotheses.rows import Hypotheses
 from palpate.hypotheses.weigher import Weigher
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.measurements import Fingers, OfFinger, Step
 from palpate.models.pushing.outline_change import changed_outline
 from palpate.models.pushing.outline_prior import OUTLINE_PLACE, deviation_at_points, outline_prior, with_friction
@@ -37,33 +37,42 @@ from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
 
-GAUGE = (1e-4, 1e-4, 1e-4)
-"""[m, m, rad] Standard deviations of the pose that defines an object frame."""
-_HIGHEST = 2e-3
-"""[m] Height across the curve at the contact from which the curve is made anew."""
-_STEEPEST = 0.12
-"""[rad] Angle between curve and outline at the contact from which the curve is made anew."""
-_MOST_CURVES = 5
-"""Curves that a contact may need until heights and angle are small, at its first frame."""
-_NEAR = 6.0
-"""Knots from a contact from which the curve stays as it was while the contact lasts."""
-_FAR = 4.0
-"""Standard deviations from which what was touched contradicts what was given of the outline."""
-_LAG = 120
-"""Steps in a window: what leaves it is linearised once and for all, which makes an outline that is hardly known too
-sure."""
-_CONE = 2.5
-"""Factor on the share of the friction cone: where the centre of friction is hardly known, so is the force."""
-_CONTACT = 4.0
-"""Factor on the deviation of contact. Its errors last for a whole contact: the outline, unlike a drawing, takes a
-hundred equal ones for its own form. On tuned recordings the truth is in the 95 % region in 95 % of frames, with 1 in
-40 to 70 %."""
-_TOUCH = 5.0
-"""Factor on the variances of touch, for the same reason."""
-_POLE_OFF = 0.25
-"""Distance of a better pole from which it is taken, as a share of the mean distance of the outline from the pole."""
-_PATCH = 2
-"""Points to either side of the place of contact that count as touched."""
+
+@dataclass(frozen=True)
+class _Settings:
+    """Settings of the filter of an unknown outline."""
+
+    gauge: tuple[float, float, float] = (1e-4, 1e-4, 1e-4)
+    """[m, m, rad] Standard deviations of the pose that defines an object frame."""
+    highest: float = 2e-3
+    """[m] Height across the curve at the contact from which the curve is made anew."""
+    steepest: float = 0.12
+    """[rad] Angle between curve and outline at the contact from which the curve is made anew."""
+    most_curves: int = 5
+    """Curves that a contact may need until heights and angle are small, at its first frame."""
+    near: float = 6.0
+    """Knots from a contact from which the curve stays as it was while the contact lasts."""
+    far: float = 4.0
+    """Standard deviations from which what was touched contradicts what was given of the outline."""
+    lag: int = 120
+    """Steps in a window: what leaves it is linearised once and for all, which makes an outline that is hardly known too
+    sure."""
+    cone: float = 2.5
+    """Factor on the share of the friction cone: where the centre of friction is hardly known, so is the force."""
+    contact: float = 4.0
+    """Factor on the deviation of contact. Its errors last for a whole contact: the outline, unlike a drawing, takes a
+    hundred equal ones for its own form. On tuned recordings the truth is in the 95 % region in 95 % of frames, with 1
+    in 40 to 70 %."""
+    touch: float = 5.0
+    """Factor on the variances of touch, for the same reason."""
+    pole_off: float = 0.25
+    """Distance of a better pole from which it is taken, as a share of the mean distance of the outline from its
+    pole."""
+    patch: int = 2
+    """Points to either side of the place of contact that count as touched."""
+
+
+_SETTINGS = _Settings()
 
 
 class UnknownOutlineFilter(MultiHypothesisFilter):
@@ -87,7 +96,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         pose = np.zeros(3) if first_pose is None else first_pose
         settings = replace(settings, noise=_of_learnt(settings.noise), hypotheses=1)
         super().__init__(self._first_model, settings, pose, first_covariance, may_be_mirrored, OUTLINE_PUSHING)
-        self._lag = max(self._lag, _LAG)
+        self._lag = max(self._lag, _SETTINGS.lag)
 
     def begin(self, pose: Array, covariance: Array) -> None:
         """Begin with what is given of the outline, and the object's pose (3,) with its covariance (3, 3)."""
@@ -101,7 +110,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         joint[at, at] = self._outline_prior.covariance
         self._is_placed = not self._is_placed_by_touch
         if self._is_placed and isinstance(self._given, Unknown):
-            joint[:3, :3] = np.diag(np.square(GAUGE))
+            joint[:3, :3] = np.diag(np.square(_SETTINGS.gauge))
         belief = replace(rows.belief, covariance=joint[None])
         belief = with_friction(belief, self._first_model.curve, self._usual)
         self._bank.rows = replace(rows, belief=belief)
@@ -139,13 +148,16 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         if isinstance(self._given, Unknown):
             largest = self._given.size[1]
             touched = outline.points[outline.touched]
-            width = float(np.ptp(touched, axis=0).max()) - _FAR * float(outline.deviation[outline.touched].max())
+            width = float(np.ptp(touched, axis=0).max()) - _SETTINGS.far * float(
+                outline.deviation[outline.touched].max()
+            )
             return "" if width <= largest else f"what was touched is over {1e3 * width:.0f} mm wide, more than the size"
         off = np.abs(self._given.shape.signed_distance(outline.points))[outline.touched]
         farthest = int(np.argmax(off))
-        if off[farthest] <= _FAR * self._given.sigma:
+        if off[farthest] <= _SETTINGS.far * self._given.sigma:
             return ""
-        return f"the outline is up to {1e3 * off[farthest]:.0f} mm from its sketch, more than {_FAR:g} of its sigmas"
+        limit = f"{_SETTINGS.far:g} of its sigmas"
+        return f"the outline is up to {1e3 * off[farthest]:.0f} mm from its sketch, more than {limit}"
 
     def _outline(self) -> Outline:
         """Return the outline of the best hypothesis with its band."""
@@ -162,7 +174,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         self._contact_model = model
         self._settings_record = settings_record(self._settings, model)
         self._monitor = ConsistencyMonitor(model, self._settings, self._prior)
-        self._rest_graph = Graph(self._settings_record, model, self._own, self._compiled)
+        self._graph = Graph(self._settings_record, model, self._own, self._compiled)
 
     def _begin_contact(self, step: Step) -> bool:
         if not self._is_placed:
@@ -175,7 +187,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
 
     def _begin_window(self, step: Step) -> None:
         """Begin the graph of a contact, anew from a nearer curve until heights and angle at the contact are small."""
-        for _ in range(_MOST_CURVES):
+        for _ in range(_SETTINGS.most_curves):
             super()._begin_window(step)
             window = self._bank.window
             assert window is not None
@@ -209,7 +221,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         reach = self._sensor.radius + radius
         pose = np.column_stack((tip[0] + reach * np.cos(way), tip[1] + reach * np.sin(way), way))
         joint = rows.belief.covariance.copy()
-        joint[:, :3, :3] = np.diag(np.square(GAUGE))
+        joint[:, :3, :3] = np.diag(np.square(_SETTINGS.gauge))
         self._bank.rows = replace(rows, belief=replace(rows.belief, pose=pose, covariance=joint))
         self._is_placed = True
 
@@ -220,9 +232,9 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         knots = (int(touch["knot"]) + np.arange(4)) % len(heights)
         height = float(touch["weights"] @ heights[knots])
         reach = abs(complex(touch["point"]) - self._contact_model.curve.pole)
-        per_knot = max(reach, _HIGHEST) * 2.0 * np.pi / len(heights)
+        per_knot = max(reach, _SETTINGS.highest) * 2.0 * np.pi / len(heights)
         slope = float(touch["slopes"] @ heights[knots]) / per_knot
-        return abs(height) > _HIGHEST or abs(slope) > _STEEPEST
+        return abs(height) > _SETTINGS.highest or abs(slope) > _SETTINGS.steepest
 
     def _take_over(self, heights: Array, may_move_pole: bool = False) -> None:
         """Make the curve anew with these heights (K,), and let the beliefs before this contact read by it."""
@@ -241,7 +253,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         """Return a pole from which the outline with these heights (K,) is seen better; None if the present one is."""
         curve = self._contact_model.curve.moved(heights)
         pole = best_pole(curve.points, complex(*curve.shape.centroid.tolist()))
-        limit = _POLE_OFF * float(np.mean(curve.radii))
+        limit = _SETTINGS.pole_off * float(np.mean(curve.radii))
         return pole if abs(pole - curve.pole) > limit else None
 
     def _mark(self) -> None:
@@ -251,13 +263,13 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
             return
         point = complex(window.last(0)["touch"]["point"])
         nearest = int(np.rint(np.angle(point - self._contact_model.curve.pole) * (POINTS / (2.0 * np.pi))))
-        self._touched_points[(nearest + np.arange(-_PATCH, _PATCH + 1)) % POINTS] = True
+        self._touched_points[(nearest + np.arange(-_SETTINGS.patch, _SETTINGS.patch + 1)) % POINTS] = True
 
 
 def _near(knot: int) -> Array:
     """Return the shares (K,) of heights that a contact at a knot shows: all near it, none far away."""
     apart = np.abs((np.arange(KNOTS) - knot + KNOTS // 2) % KNOTS - KNOTS // 2)
-    return np.clip((_NEAR - apart) / (0.5 * _NEAR), 0.0, 1.0)
+    return np.clip((_SETTINGS.near - apart) / (0.5 * _SETTINGS.near), 0.0, 1.0)
 
 
 def _of_learnt(noise: NoiseSettings) -> NoiseSettings:
@@ -265,10 +277,10 @@ def _of_learnt(noise: NoiseSettings) -> NoiseSettings:
     cone = noise.friction_cone
     return replace(
         noise,
-        contact=replace(noise.contact, deviation=_CONTACT * noise.contact.deviation),
-        direction=replace(noise.direction, share=_TOUCH * noise.direction.share),
-        place=replace(noise.place, share=_TOUCH * noise.place.share),
-        friction_cone=cone if cone.share is None else replace(cone, share=_CONE * cone.share),
+        contact=replace(noise.contact, deviation=_SETTINGS.contact * noise.contact.deviation),
+        direction=replace(noise.direction, share=_SETTINGS.touch * noise.direction.share),
+        place=replace(noise.place, share=_SETTINGS.touch * noise.place.share),
+        friction_cone=cone if cone.share is None else replace(cone, share=_SETTINGS.cone * cone.share),
     )
 
 

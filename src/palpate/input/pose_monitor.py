@@ -7,6 +7,7 @@ set, and is accepted.
 import cmath
 import math
 from collections import deque
+from dataclasses import dataclass
 from statistics import median
 from typing import NamedTuple
 
@@ -16,28 +17,38 @@ from palpate.config import LARGEST_ERROR
 from palpate.errors import FrameError
 from palpate.input.touch_changes import TouchChanges
 
-_FRAMES_TO_CONFIRM = 3
-"""Frames that must agree before a jump or a standstill is taken as real."""
-_RECENT_FRAMES = 10
-"""Frames over which speed and rate are measured."""
-_LARGEST_ACCELERATION = 10.0, 100.0
-"""[m/s^2, rad/s^2] of a robot arm: 11 mm a frame at 30 Hz, which 0.33 m/s makes."""
-_LONGEST_GAP = 60.0
-"""[s] between frames; a clock that jumps farther is accepted at its second frame."""
-_SLOW_STREAM = 1.5
-"""Mean interval between frames, in nominal ones, from which a stream is slow: a third of its frames are lost."""
-_FAST_STREAM = 0.55
-"""Mean interval between frames, in nominal ones, below which errors of frames are not independent: at 60 Hz for 30."""
-_HARMLESS_MOTION = 2e-3
-"""[m] of motion that may hide behind a pose that repeats, and does no harm."""
-_SUDDEN_STOP = 0.5
-"""Share of its usual speed from which a robot does not stop at once, so that a pose which repeats is frozen if no touch
-tells; and of the way at that speed which it has not gone if it stood."""
 SIDEWAYS_PUSH = 1.22
 """[rad] 70 degrees from the sensor's x axis, from which a push is sideways."""
 
 Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]."""
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Limits of poses, streams and motion."""
+
+    frames_to_confirm: int = 3
+    """Frames that must agree before a jump or a standstill is taken as real."""
+    recent_frames: int = 10
+    """Frames over which speed and rate are measured."""
+    largest_acceleration: tuple[float, float] = (10.0, 100.0)
+    """[m/s^2, rad/s^2] of a robot arm: 11 mm a frame at 30 Hz, which 0.33 m/s makes."""
+    longest_gap: float = 60.0
+    """[s] between frames; a clock that jumps farther is accepted at its second frame."""
+    slow_stream: float = 1.5
+    """Mean interval between frames, in nominal ones, from which a stream is slow: a third of its frames are lost."""
+    fast_stream: float = 0.55
+    """Mean interval between frames, in nominal ones, below which errors of frames are not independent: at 60 Hz for
+    30."""
+    harmless_motion: float = 2e-3
+    """[m] of motion that may hide behind a pose that repeats, and does no harm."""
+    sudden_stop: float = 0.5
+    """Share of its usual speed from which a robot does not stop at once, so that a pose which repeats is frozen if no
+    touch tells; and of the way at that speed which it has not gone if it stood."""
+
+
+_LIMITS = _Limits()
 
 
 def axis_words(angle: float) -> str:
@@ -76,17 +87,17 @@ class PoseMonitor:
         """Take the sensor's frame rate [Hz]."""
         self._rate = rate
         self._last: _Sample | None = None
-        self._different: deque[_Sample] = deque(maxlen=_RECENT_FRAMES)  # the last ones whose poses differ
-        self._moving: deque[_Sample] = deque(maxlen=_RECENT_FRAMES)  # the same, also between contacts
+        self._different: deque[_Sample] = deque(maxlen=_LIMITS.recent_frames)  # the last ones whose poses differ
+        self._moving: deque[_Sample] = deque(maxlen=_LIMITS.recent_frames)  # the same, also between contacts
         self._repeats = 0  # identical poses in a row
-        self._runs: deque[int] = deque(maxlen=_RECENT_FRAMES)  # times that the last poses came in a row
+        self._runs: deque[int] = deque(maxlen=_LIMITS.recent_frames)  # times that the last poses came in a row
         self._is_frozen = False  # the pose stands while the sensor moves, as far as is known
         self._stands_exactly = False  # this robot has stood at an exact pose, or stopped at once, and moved on
         self._elsewhere: list[_Sample] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
         self._in_contact = False
         self._saw_touch = False
-        self._intervals: deque[float] = deque(maxlen=_RECENT_FRAMES)  # [s]
+        self._intervals: deque[float] = deque(maxlen=_LIMITS.recent_frames)  # [s]
         self._moved = 0j  # [m] in the sensor frame, since the frame before
         self._pushed = 0j  # [m] in the sensor frame, in all contacts
         self._hidden = 0.0  # see SensorMotion
@@ -97,12 +108,12 @@ class PoseMonitor:
         gap = time - self._last.time if self._last else 0.0
         before = self._implausible_time
         self._implausible_time = time
-        is_confirmed = before is not None and 0.0 < time - before <= _LONGEST_GAP
-        if gap > _LONGEST_GAP and not is_confirmed:
+        is_confirmed = before is not None and 0.0 < time - before <= _LIMITS.longest_gap
+        if gap > _LIMITS.longest_gap and not is_confirmed:
             unit = other_time_unit(gap, self._rate)
             raise FrameError(
-                f"frame at {time:.3f} s comes {gap:.3g} s after the last one, more than {_LONGEST_GAP:g} s; the next "
-                f"that follows it is taken{unit and '; '}{unit}"
+                f"frame at {time:.3f} s comes {gap:.3g} s after the last one, more than {_LIMITS.longest_gap:g} s; the "
+                f"next that follows it is taken{unit and '; '}{unit}"
             )
 
     def check_pose(self, time: float, measured: Array, in_contact: bool, touch: TouchChanges) -> SensorMotion:
@@ -118,7 +129,7 @@ class PoseMonitor:
         repeats = self._last is not None and last.pose == now.pose
         goes_on = in_contact and self._in_contact
         has_stood = goes_on and not repeats and self._has_stood(time, step)
-        stood_exactly = not repeats and self._repeats >= _FRAMES_TO_CONFIRM and step < _HARMLESS_MOTION
+        stood_exactly = not repeats and self._repeats >= _LIMITS.frames_to_confirm and step < _LIMITS.harmless_motion
         self._stands_exactly = self._stands_exactly or has_stood or stood_exactly
         possible_push = step if in_contact else self._push_before_release(step, interval)
         self._implausible_time = None
@@ -127,7 +138,7 @@ class PoseMonitor:
             self._refuse_unless_confirmed(now, last)
         is_elsewhere = jumps or (goes_on and self._hidden > 0.0 and not repeats and not has_stood)
         usual_interval = max(1.0 / self._rate, median(self._intervals or (0.0,)))
-        is_late = interval > _RECENT_FRAMES * usual_interval
+        is_late = interval > _LIMITS.recent_frames * usual_interval
         if self._last is not None:
             self._intervals.append(interval)
         self._moved = complex(x - last.pose[0], y - last.pose[1]) * cmath.rect(1.0, -yaw)
@@ -137,7 +148,7 @@ class PoseMonitor:
         self._follow(now, repeats, goes_on, is_elsewhere)
         self._is_frozen = repeats and (self._is_frozen or (in_contact and self._moves_hidden(touch)))
         hidden = self._way_since_stop(time) if self._is_frozen and in_contact else 0.0
-        self._hidden = hidden if hidden > _HARMLESS_MOTION else 0.0
+        self._hidden = hidden if hidden > _LIMITS.harmless_motion else 0.0
         return SensorMotion(is_elsewhere or is_late, possible_push, self._hidden, self._drawn_back)
 
     def weakness(self, sees_touch: bool) -> str:
@@ -149,11 +160,11 @@ class PoseMonitor:
             self._pushed += self._moved
         self._saw_touch = sees_touch
         without_longest = sorted(self._intervals)[:-1]  # a single gap does not count
-        usual = sum(without_longest) / (_RECENT_FRAMES - 1)
-        if len(self._intervals) == _RECENT_FRAMES and usual * self._rate >= _SLOW_STREAM:
+        usual = sum(without_longest) / (_LIMITS.recent_frames - 1)
+        if len(self._intervals) == _LIMITS.recent_frames and usual * self._rate >= _LIMITS.slow_stream:
             advice = other_time_unit(usual, self._rate) or "the pose is known less well"
             return f"frames come {1.0 / usual:.2g} times a second and not {self._rate:g} times; {advice}"
-        if len(self._intervals) == _RECENT_FRAMES and 0.0 < usual * self._rate <= _FAST_STREAM:
+        if len(self._intervals) == _LIMITS.recent_frames and 0.0 < usual * self._rate <= _LIMITS.fast_stream:
             found = f"frames come {1.0 / usual:.3g} times a second and not {self._rate:g} times"
             return f"{found}: the estimate is too sure; keep one in {round(1.0 / (usual * self._rate))}"
         return axis_words(self.push_angle) if abs(self.push_angle) >= SIDEWAYS_PUSH else ""
@@ -202,8 +213,8 @@ class PoseMonitor:
 
     def _has_stood(self, time: float, step: float) -> bool:
         """Return True if the sensor stood since it stopped at once, as it goes on by a step [m] from there."""
-        has_stopped = self._repeats >= _FRAMES_TO_CONFIRM and self._stopped_at_once()
-        return has_stopped and step < _SUDDEN_STOP * self._way_since_stop(time)
+        has_stopped = self._repeats >= _LIMITS.frames_to_confirm and self._stopped_at_once()
+        return has_stopped and step < _LIMITS.sudden_stop * self._way_since_stop(time)
 
     def _moves_hidden(self, touch: TouchChanges) -> bool:
         """Return True if the sensor goes on while its pose stands: the touch goes on changing.
@@ -212,7 +223,7 @@ class PoseMonitor:
         frozen. Some stop at once: in a stream that once stood at an exact pose and moved on from there, repeats mean
         nothing.
         """
-        settles = _FRAMES_TO_CONFIRM * round(median(self._runs or (1,)))  # some streams repeat each pose
+        settles = _LIMITS.frames_to_confirm * round(median(self._runs or (1,)))  # some streams repeat each pose
         stood = self._repeats - 1
         if stood < settles:
             return False
@@ -221,9 +232,9 @@ class PoseMonitor:
 
     def _stopped_at_once(self) -> bool:
         """Return True if the sensor did not slow down before its pose stood."""
-        if len(self._different) < _RECENT_FRAMES:
+        if len(self._different) < _LIMITS.recent_frames:
             return False
-        return self._speed(_FRAMES_TO_CONFIRM) > _SUDDEN_STOP * self._speed(_RECENT_FRAMES)
+        return self._speed(_LIMITS.frames_to_confirm) > _LIMITS.sudden_stop * self._speed(_LIMITS.recent_frames)
 
     def _is_plausible(self, interval: float, last: Pose, pose: Pose) -> bool:
         """Compare with the motion so far: at constant velocity, up to the largest acceleration."""
@@ -243,8 +254,8 @@ class PoseMonitor:
         """Return True for distance and angle if a robot may come from rest at one pose to the other in a time [s]."""
         longest = max(interval, 1.0 / self._rate)  # times may jitter
         distance, angle = _apart(one, other)
-        farthest = LARGEST_ERROR[0] + _LARGEST_ACCELERATION[0] * longest**2
-        widest = LARGEST_ERROR[1] + _LARGEST_ACCELERATION[1] * longest**2
+        farthest = LARGEST_ERROR[0] + _LIMITS.largest_acceleration[0] * longest**2
+        widest = LARGEST_ERROR[1] + _LIMITS.largest_acceleration[1] * longest**2
         return distance <= farthest, angle <= widest
 
     def _refuse_unless_confirmed(self, now: _Sample, last: _Sample) -> None:
@@ -253,7 +264,7 @@ class PoseMonitor:
         if self._is_within(before.pose, now.pose, now.time - before.time) != (True, True):
             self._elsewhere = []
         self._elsewhere.append(now)
-        if len(self._elsewhere) >= _FRAMES_TO_CONFIRM:
+        if len(self._elsewhere) >= _LIMITS.frames_to_confirm:
             return
         interval = now.time - last.time
         distance, angle = _apart(last.pose, now.pose)
@@ -262,8 +273,8 @@ class PoseMonitor:
             unit = "; is theta in degrees?"
         raise FrameError(
             f"frame at {now.time:.3f} s has the sensor {distance:.3g} m and {math.degrees(angle):.0f} degrees from "
-            f"where it was {interval:.3g} s before, in one contact, faster than any arm; {_FRAMES_TO_CONFIRM} in a row "
-            f"that agree are believed{unit}"
+            f"where it was {interval:.3g} s before, in one contact, faster than any arm; {_LIMITS.frames_to_confirm} "
+            f"in a row that agree are believed{unit}"
         )
 
 

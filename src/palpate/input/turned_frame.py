@@ -85,7 +85,7 @@ class FrameTurnMonitor:
             self.found = self._turn()
 
     def _way(self, frame: Frame) -> float:
-        """Return how far the sensor has gone since the first touch [m]."""
+        """Return the way that the sensor has gone since the first touch [m]."""
         return float(np.linalg.norm(frame.sensor_pose[:2] - self._touches[0].sensor_pose[:2]))
 
     def _turn(self) -> FrameTurn | None:

@@ -29,6 +29,7 @@ from palpate.hypotheses.weigher import cost_of_contact
 from palpate.io.recording import Recording
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import contact_model
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.priors import object_prior
@@ -301,7 +302,7 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
             times = recording.time[max(index - LAG + 1, begin) : index + 1].tolist()
             step = Step(poses[index], measured, len(measured), times)
             if window is None:
-                window = ContactWindow(factors, model, belief, step, _ALL_STEPS, priors, np.array([sign]))
+                window = ContactWindow(Graph(factors, model), belief, step, _ALL_STEPS, priors, np.array([sign]))
             else:
                 window.add(step)
         assert window is not None

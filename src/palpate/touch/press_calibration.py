@@ -34,16 +34,33 @@ WORST = np.radians(3.0)  # [rad] largest scatter about the line; more means wron
 LEFT_OR_RIGHT = 3.0
 """Least difference of the log likelihoods of a view and of its mirror image that decides between them."""
 _OFFSET_SIGMA = np.radians(2.0)  # [rad] standard deviation of the offset before any press
-_SCALE_SIGMA = 0.1  # standard deviation of the scale before any press
-_OTHER_OBJECTS_SIGMA = 0.06  # standard deviation of the scale of other objects about that of a ball
-_WHOLE_SIDES = 0.8  # share of a round pad's width that shows its imprints of flat sides as they are
-_CUT_OFF_SIGMA = 1.4  # more of that deviation for each share that is not shown: balls are whole, and sides are cut off
 _GIVEN_ANGLE_SIGMA = np.radians(0.3)  # [rad] error of given angles
 _IMPRINT_ANGLE_SIGMA = np.radians(1.5)  # [rad] error of angles that imprints show
-_LEAST_RANK_CORRELATION = 0.9  # of imprints that lie in the order of their presses
-_LEAST_CORRELATION = 0.25  # of the two imprints of a ruler: nearly all simulated ones have more, a single one has 0.15
-_RULER_RELATIVE_SIGMA = 0.04  # error of the distance of two imprints as a share of it, from their flanks
-_RULER_SIGMA = 1e-4  # [m] further error of that distance
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Deviations and limits of what presses show."""
+
+    scale_sigma: float = 0.1
+    """Standard deviation of the scale before any press."""
+    other_objects_sigma: float = 0.06
+    """Standard deviation of the scale of other objects about that of a ball."""
+    whole_sides: float = 0.8
+    """Share of a round pad's width that shows its imprints of flat sides as they are."""
+    cut_off_sigma: float = 1.4
+    """More of that deviation for each share that is not shown: balls are whole, and sides are cut off."""
+    least_rank_correlation: float = 0.9
+    """Of imprints that lie in the order of their presses."""
+    least_correlation: float = 0.25
+    """Of the two imprints of a ruler: nearly all simulated ones have more, a single one has 0.15."""
+    ruler_relative_sigma: float = 0.04
+    """Error of the distance of two imprints as a share of it, from their flanks."""
+    ruler_sigma: float = 1e-4
+    """[m] further error of that distance."""
+
+
+_LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -78,11 +95,11 @@ def with_ruler(calibration: Calibration, image: Image, length: float, sensor: Se
     # Rendered edges and balls are found 3 % too far apart on a flat gel; on a round one their inner flanks are deeper.
     angle = 0.0 if sensor.flat_width else length / sensor.radius
     pitch = length / ((0.97 + 0.3 * angle) * distance)
-    pitch_sigma = math.hypot(_RULER_RELATIVE_SIGMA, _RULER_SIGMA / length)
+    pitch_sigma = math.hypot(_LIMITS.ruler_relative_sigma, _LIMITS.ruler_sigma / length)
     measured = replace(calibration, pixel_pitch=pitch, pixel_pitch_sigma=pitch_sigma)
     # An image that shows less than the pad cuts off its sides: their directions are read too near to the middle.
     scale = 1.0 if sensor.flat_width else 1.0 - 0.35 * max(0.9 - calibrated(sensor, measured).shown, 0.0)
-    scale_sigma = math.hypot(_OTHER_OBJECTS_SIGMA, pitch_sigma)
+    scale_sigma = math.hypot(_LIMITS.other_objects_sigma, pitch_sigma)
     return replace(measured, direction=DirectionCorrection(scale=scale, scale_sigma=scale_sigma))
 
 
@@ -106,7 +123,7 @@ def _distance_of_imprints(image: Image, calibration: Calibration, length: float,
         problem = f"a ruler of {1e3 * length:g} mm is not what an image of {sensor.name!r} shows"
         raise FileError(f"{problem}, some {1e3 * sensor.pixel_pitch * columns:.0f} mm")
     best = least + int(np.argmax(correlation[least : most + 1]))
-    if not correlation[best] > _LEAST_CORRELATION or best in (least, most):
+    if not correlation[best] > _LIMITS.least_correlation or best in (least, most):
         raise FileError(
             f"found no two imprints of the ruler side by side {1e3 * length:g} mm apart: are they one, or is the "
             "length another?"
@@ -301,7 +318,7 @@ def _fit_in_view(
         angle = np.array([imprint_angle(difference, unit) for difference in differences])
         variance = variance + _IMPRINT_ANGLE_SIGMA**2
     offset_sigma = 1.0 if presses.are_relative else _OFFSET_SIGMA  # [rad]
-    scale_sigma = math.hypot(_SCALE_SIGMA, unit.pixel_pitch_sigma)
+    scale_sigma = math.hypot(_LIMITS.scale_sigma, unit.pixel_pitch_sigma)
     (offset, scale), sigmas, log_likelihood = _fitted_line(angle, measured, variance, (offset_sigma, scale_sigma))
     scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * angle))))
     if not has_angles:
@@ -309,12 +326,12 @@ def _fit_in_view(
             log_likelihood = -math.inf
         return _ViewFit(log_likelihood, calibration, angle, scatter)
     inflation = max(1.0, scatter / float(np.sqrt(np.mean(variance))))
-    cut_off = _CUT_OFF_SIGMA * max(_WHOLE_SIDES - unit.shown / float(scale), 0.0) if scale > 0.0 else 0.0
+    cut_off = _LIMITS.cut_off_sigma * max(_LIMITS.whole_sides - unit.shown / float(scale), 0.0) if scale > 0.0 else 0.0
     correction = DirectionCorrection(
         offset=0.0 if presses.are_relative else float(offset),
         scale=float(scale),
         offset_sigma=None if presses.are_relative else float(sigmas[0] * inflation),
-        scale_sigma=math.hypot(sigmas[1] * inflation, _OTHER_OBJECTS_SIGMA, cut_off * scale),
+        scale_sigma=math.hypot(sigmas[1] * inflation, _LIMITS.other_objects_sigma, cut_off * scale),
     )
     return _ViewFit(log_likelihood, replace(calibration, direction=correction), angle, scatter)
 
@@ -381,7 +398,7 @@ def _fitted_line(
 def _are_in_order(angle: Array) -> bool:
     """Return true if angles (N,) [rad] of imprints rise from the first press to the last, by and large."""
     ranks = np.argsort(np.argsort(angle))
-    return bool(np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _LEAST_RANK_CORRELATION)
+    return bool(np.corrcoef(np.arange(len(angle)), ranks)[0, 1] > _LIMITS.least_rank_correlation)
 
 
 def imprint_angle(difference: Difference, sensor: SensorProfile) -> float:

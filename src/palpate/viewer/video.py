@@ -87,7 +87,7 @@ def _write_mp4(drawn: Iterator[NDArray[np.uint8]], path: Path) -> None:
 
 
 class _Moving:
-    """What moves in the push from above, and the lines of the present moment in the plots: made once, then moved."""
+    """Parts that move in the push from above, and lines of the present moment in the plots: made once, then moved."""
 
     def __init__(self, above: "Axes", plots: "Sequence[Axes]", run: Run) -> None:
         self._run = run

@@ -12,10 +12,18 @@ from palpate.models.pushing.outline_prior import CENTER_PLACE, OUTLINE_PLACE, RA
 from palpate.models.pushing.unknown_outline import OutlineContactModel, outline_contact_model
 from palpate.types.sensor import SensorProfile
 
-_RESAMPLED = 1e-4
-"""[m] Standard deviation of heights that are read at new knots."""
-_LOST = 0.15
-"""Share of the standard deviation of heights that neighbours do not share once they are read at new knots."""
+
+@dataclass(frozen=True)
+class _Reading:
+    """Errors of heights that are read from another curve."""
+
+    resampled: float = 1e-4
+    """[m] Standard deviation of heights that are read at new knots."""
+    lost: float = 0.15
+    """Share of the standard deviation of heights that neighbours do not share once they are read at new knots."""
+
+
+_READING = _Reading()
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +46,9 @@ class OutlineChange:
         joint = self._joint(len(self.offset) + 3)
         covariance = joint @ belief.covariance @ joint.T
         if not np.array_equal(self.matrix[OUTLINE_PLACE, OUTLINE_PLACE], np.eye(KNOTS)):
-            size = covariance.shape[1]
+            size = len(self.offset) + 3
             at = np.arange(size - KNOTS, size)  # the outline is the last variable
-            covariance[:, at, at] += _RESAMPLED**2 + (_LOST * _LOST) * covariance[:, at, at]
+            covariance[:, at, at] += _READING.resampled**2 + (_READING.lost * _READING.lost) * covariance[:, at, at]
         covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
         return Belief(belief.pose, self.values(belief.values), covariance)
 

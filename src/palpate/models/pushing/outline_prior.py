@@ -27,18 +27,27 @@ CENTER_PLACE = OUTLINE_MODEL.in_object[FRICTION_CENTER]
 """Places of the centre of friction."""
 RATIO_PLACE = OUTLINE_MODEL.in_object[FRICTION_RATIO].start
 """Place of the logarithm of the ratio of friction."""
-_SIZE = 0.3
-"""Standard deviation of an object's radius, as a share of it and of the logarithm of largest over least width."""
-_SHIFT = 0.3
-"""Standard deviation of an object's middle from where it was guessed, as a share of its radius."""
-_FORM = 0.22
-"""Standard deviation of an outline from a circle, as a share of its radius: an ellipse of 3 to 2, a square."""
-_BEND = 0.55
-"""[rad] Angle around the object over which an outline keeps its distance from a circle."""
-_SHARP = 0.015
-"""Standard deviation of an outline from point to point, as a share of its radius: corners."""
-_SKETCH_BEND = 0.45
-"""[rad] Angle around the object over which the error of a sketch stays the same."""
+
+
+@dataclass(frozen=True)
+class _Forms:
+    """Spread of the forms that objects have."""
+
+    size: float = 0.3
+    """Standard deviation of an object's radius, as a share of it and of the logarithm of largest over least width."""
+    shift: float = 0.3
+    """Standard deviation of an object's middle from where it was guessed, as a share of its radius."""
+    form: float = 0.22
+    """Standard deviation of an outline from a circle, as a share of its radius: an ellipse of 3 to 2, a square."""
+    bend: float = 0.55
+    """[rad] Angle around the object over which an outline keeps its distance from a circle."""
+    sharp: float = 0.015
+    """Standard deviation of an outline from point to point, as a share of its radius: corners."""
+    sketch_bend: float = 0.45
+    """[rad] Angle around the object over which the error of a sketch stays the same."""
+
+
+_FORMS = _Forms()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +70,7 @@ def outline_prior(given: Unknown | Sketch) -> OutlinePrior:
         curve = ClosedCurve.of(given.shape)
         angle = ANGLES[::POINTS_PER_KNOT]
         apart = angle[:, None] - angle
-        heights = given.sigma**2 * (0.95 * _along(apart, _SKETCH_BEND) + 0.05 * np.eye(KNOTS))
+        heights = given.sigma**2 * (0.95 * _along(apart, _FORMS.sketch_bend) + 0.05 * np.eye(KNOTS))
     else:
         least, largest = given.size
         radius = 0.5 * math.sqrt(least * largest)
@@ -69,9 +78,9 @@ def outline_prior(given: Unknown | Sketch) -> OutlinePrior:
         curve = circle(radius, center, 0.0j)
         angle = np.angle(curve.points[::POINTS_PER_KNOT] - center)
         apart = angle[:, None] - angle
-        size = (_SIZE * radius * math.log(largest / least)) ** 2
-        form = _FORM**2 * _along(apart, _BEND) + _SHARP**2 * np.eye(KNOTS)
-        heights = size + radius**2 * (_SHIFT**2 * np.cos(apart) + form)
+        size = (_FORMS.size * radius * math.log(largest / least)) ** 2
+        form = _FORMS.form**2 * _along(apart, _FORMS.bend) + _FORMS.sharp**2 * np.eye(KNOTS)
+        heights = size + radius**2 * (_FORMS.shift**2 * np.cos(apart) + form)
     by_height = TO_COEFFICIENTS / curve.outward[::POINTS_PER_KNOT]
     return OutlinePrior(curve, by_height @ heights @ by_height.T)
 

@@ -5,13 +5,12 @@ same factors as in a contact. What belongs to a contact keeps its prior.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import EstimationError
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.compiled import PUSHING
-from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.measurements import Step, terms_of
 from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.variables import SENSOR, SENSOR_IN_OBJECT
@@ -26,17 +25,16 @@ class RestWindow(PushingWindow):
 
     def __init__(
         self,
-        settings: NDArray[np.void],
-        model: ContactModel,
+        graph: Graph,
         belief: Belief,
         step: Step,
-        own: OwnMeasurements,
-        compiled: CompiledModel = PUSHING,
     ) -> None:
         """Take B beliefs about the object and the measurements of a frame; those of an earlier time count as of now.
 
         Raises EstimationError if they leave the object indeterminate in a hypothesis.
         """
+        model = graph.model
+        compiled = graph.compiled
         steps, rows = begun(compiled, belief, belief.pose, np.ones(len(belief)))
         steps["is_resting"] = 1.0
         steps["g"] = 0.0
@@ -45,8 +43,8 @@ class RestWindow(PushingWindow):
         for k in range(pinned.start, pinned.stop):
             rows["past"]["information"][:, k, k] = _PINNED
         drift = np.zeros(compiled.model.last_size)
-        given = Given(settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
-        super().__init__(compiled, given, steps, rows, 1, own)
+        given = Given(graph.settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
+        super().__init__(compiled, given, steps, rows, 1, graph.own)
         self._join(*terms_of(compiled, step, 0), step.times[-1])
         self._solve(np.ones(len(rows), np.bool_))
         if self.rows["is_lost"].any():

@@ -27,9 +27,6 @@ from palpate.models.pushing.outline_distance import distance_at, weights_at
 from palpate.models.pushing.outline_variable import OUTLINE, OUTLINE_MODEL
 from palpate.types.sensor import SensorProfile
 
-_FIELD_NODES = 160
-"""Nodes of the longer side of the distance grid: the curve is smooth, and the grid is made in each contact."""
-_FIELD_MARGIN = 0.06  # [m] around the curve that the grid covers, besides the tip
 _FARTHEST_SHARE = 4.0  # of motion along the curve to that of the tip, near a concave place
 _AT = OUTLINE_MODEL.in_shared[OUTLINE].start
 _COLUMN = OUTLINE_MODEL.column(OUTLINE)
@@ -37,6 +34,19 @@ _FIRST_POSE = [factor.name for factor in OUTLINE_MODEL.factors].index("first_pos
 _KNOTS_PER_RADIAN = KNOTS / (2.0 * math.pi)
 _LEAST_REACH = 2e-3  # [m] from the pole to the place of contact
 _GRAZING = 0.2  # least part of the normal along the way from the pole, as in `geometry.closed_curve`
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Grid of distances from a curve."""
+
+    field_nodes: int = 160
+    """Nodes of the longer side of the distance grid: the curve is smooth, and the grid is made in each contact."""
+    field_margin: float = 0.06
+    """[m] around the curve that the grid covers, besides the tip."""
+
+
+_GRID = _Grid()
 
 
 class OutlineSurface(NamedTuple):
@@ -94,11 +104,11 @@ class OutlineContactModel(ContactModel):
 def outline_contact_model(curve: ClosedCurve, sensor: SensorProfile) -> OutlineContactModel:
     """Return the contact model of a sensor and a curve; raises ShapeError where the curve crosses itself."""
     shape = curve.shape
-    margin = _FIELD_MARGIN + 2.0 * sensor.radius
+    margin = _GRID.field_margin + 2.0 * sensor.radius
     parts = np.array([complex(x, y) for x, y in sensor.round_centers.tolist()])
     span = float(np.linalg.norm(sensor.centers[:, None] - sensor.centers, axis=-1).max())
     return OutlineContactModel(
-        DistanceField.of(shape, margin, _FIELD_NODES),
+        DistanceField.of(shape, margin, _GRID.field_nodes),
         parts,
         sensor.radius,
         shape.friction_radius(),

@@ -14,12 +14,10 @@ from palpate.estimation.variable import Variable
 from palpate.estimation.window import LAG
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
-from palpate.models.pushing.compiled import PUSHING
-from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import OfFinger, Step, terms_of
 from palpate.models.pushing.outline_change import OutlineChange
-from palpate.models.pushing.own_measurements import OwnMeasurements
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.types.measurements import ContactCorner, OwnMeasurement, Turn
@@ -40,32 +38,30 @@ class ContactWindow(PushingWindow):
 
     def __init__(
         self,
-        settings: NDArray[np.void],
-        model: ContactModel,
+        graph: Graph,
         belief: Belief,
         step: Step,
         lag: int = LAG,
         priors: Priors | None = None,
         sign: Array | None = None,
-        own: OwnMeasurements | None = None,
-        compiled: CompiledModel = PUSHING,
     ) -> None:
         """Begin with the first step of a contact and B beliefs about the object.
 
         `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
-        step as `priors` says, by default not at all. `compiled` may be an extended model of pushing.
+        step as `priors` says, by default not at all.
         """
+        model = graph.model
+        compiled = graph.compiled
         self._contact_model = model
         variables = compiled.model
         drift = np.zeros(variables.last_size)
         if priors is not None:
             drift[variables.last_size - variables.object_size :] = object_prior(priors, variables).change_per_step
         sign = np.ones(len(belief)) if sign is None else sign
-        own = OwnMeasurements(model=variables) if own is None else own
         steps, rows = begun(compiled, belief, step.sensor_pose, sign)
         self._put_sunk_and_fingers(steps, rows, step)
-        given = Given(settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
-        super().__init__(compiled, given, steps, rows, lag, own)
+        given = Given(graph.settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
+        super().__init__(compiled, given, steps, rows, lag, graph.own)
         self._have_turns: set[int] = set()  # fingers, 0 of a single sensor
         self._have_touched: set[int] = set()  # fingers, in this contact of the object
         self._note_touching(step)
