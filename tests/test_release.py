@@ -99,7 +99,7 @@ def test_each_wheel_holds_its_package_and_nothing_else(wheel, lab_wheel):
 def test_palpate_and_its_laboratory_have_one_version():
     laboratory = tomllib.loads((ROOT / "lab" / "pyproject.toml").read_text())["project"]
     assert laboratory["version"] == palpate.__version__
-    assert laboratory["dependencies"] == [f"palpate=={palpate.__version__}"]
+    assert laboratory["dependencies"] == [f"palpate[camera]=={palpate.__version__}"]
 
 
 def test_palpate_alone_tracks_and_names_what_the_laboratory_needs(wheel, tmp_path):

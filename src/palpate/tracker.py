@@ -1,8 +1,7 @@
 """The tracker: one frame in, one estimate out."""
 
 import logging
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -167,14 +166,16 @@ class Tracker:
         return self._sensors.backgrounds
 
 
-@cache
-def warm_up(fingers: int = 0) -> None:
-    """Load all machine code, or make it where there is none yet; once in a process.
+def warm_up(fingers: int = 0, progress: Callable[[int], object] | None = None) -> None:
+    """Load all machine code, or make it where there is none yet.
 
-    That of a hand of so many fingers, or of one sensor.
+    That of a hand of so many fingers, or of one sensor. `progress` is called with the number of functions done.
     """
     graph = hand_pushing(fingers) if fingers else PUSHING
-    if path_of(graph.improve) is None:
+    is_made = graph.improve.is_loaded or path_of(graph.improve) is not None
+    if not is_made:
         logger.warning("compiling the estimator: once for this version, some 40 s")
-    for function in EVERY:
+    for count, function in enumerate(EVERY, start=1):
         function.load()
+        if progress:
+            progress(count)

@@ -82,7 +82,7 @@ def test_all_that_a_bag_lacks_is_in_one_message(fails):
 
 def test_what_reading_warns_of_is_in_the_summary_and_compiling_is_not(json_of, monkeypatch):
     monkeypatch.setattr("palpate.tracker.path_of", lambda function: None)
-    sys.modules["palpate.tracker"].warm_up.cache_clear()
+    monkeypatch.delitem(vars(sys.modules["palpate.tracker"].PUSHING.improve), "code")
     found = json_of(*TRACK, "--time-offset", "0.8")
     assert [each.split(": ")[1] for each in found["warnings"][:1]] == [
         "8 of 24 images have no sensor pose at their time and are left out"

@@ -183,7 +183,7 @@ def test_ctrl_c_ends_it_and_the_file_is_whole(run_palpate):
 
 
 def test_a_kill_loses_at_most_the_last_second(caplog):
-    palpate.write_recording(replace(imaged_push(), time=np.arange(FRAMES) / 15.0), "push.mcap", overwrite=True)
+    palpate.write_recording(replace(imaged_push(), time=np.arange(FRAMES) / 8.0), "push.mcap", overwrite=True)
     words = (*REPLAY, "--record", "live.mcap")
     process = subprocess.Popen([sys.executable, "-m", "palpate", *words], stderr=subprocess.DEVNULL)
     wait_for(lambda: Path("live.mcap").exists() and Path("live.mcap").stat().st_size > 0)  # images come

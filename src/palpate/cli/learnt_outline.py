@@ -11,7 +11,6 @@ from palpate.cli.options import Bag, Force, arg
 from palpate.cli.quantities import LENGTH, quantities, quantity
 from palpate.errors import FileError, SettingError
 from palpate.files import new_file
-from palpate.types.outline import Sketch, Unknown
 
 _WORD = "unknown"
 
@@ -25,7 +24,7 @@ class LearntOutline:
     ] = None
     """Standard deviation of the true outline across that of --shape, a sketch: touch learns the rest [m]."""
 
-    def of(self, bag: Bag) -> Unknown | Sketch | None:
+    def of(self, bag: Bag) -> "palpate.Unknown | palpate.Sketch | None":
         """Return the outline that is to be learnt; None for a known one. Raises SettingError."""
         words = bag.shape or ""
         is_unknown = words.lower().split(":")[0] == _WORD
@@ -34,28 +33,28 @@ class LearntOutline:
         if is_unknown or not words:
             found = f"--shape {words}" if words else "no --shape"
             raise SettingError(f"--outline-sigma is of a sketch; found {found}, allowed is --shape FILE")
-        return Sketch(palpate.load_shape(words, bag.shape_unit, bag.shape_layer), self.outline_sigma)
+        return palpate.Sketch(palpate.load_shape(words, bag.shape_unit, bag.shape_layer), self.outline_sigma)
 
 
-def _unknown(words: str) -> Unknown:
+def _unknown(words: str) -> "palpate.Unknown":
     """Return the outline that is meant by `unknown` or `unknown:50mm-200mm`."""
     _, colon, sizes = words.partition(":")
     if not colon:
-        return Unknown()
+        return palpate.Unknown()
     match = re.fullmatch(r"([^-]+)-([^-]+)", sizes)
     if match is None:
         raise SettingError(f"--shape {words}: allowed is unknown or unknown:LEAST-LARGEST, as unknown:50mm-200mm")
     least, largest = (quantity(word, LENGTH) for word in match.groups())
-    return Unknown((least, largest))
+    return palpate.Unknown((least, largest))
 
 
-def bag_to_read(bag: Bag, outline: Unknown | Sketch | None, needs_outline: bool) -> Bag:
+def bag_to_read(bag: Bag, outline: "palpate.Unknown | palpate.Sketch | None", needs_outline: bool) -> Bag:
     """Return the options by which a file is read: recordings have an outline, others need one in its place."""
     if outline is None:
         return bag
     if not needs_outline:
         return replace(bag, shape=None, shape_unit=None, shape_layer=None)
-    if isinstance(outline, Unknown):
+    if isinstance(outline, palpate.Unknown):
         width = 0.5 * sum(outline.size)
         return replace(bag, shape=f"{width:g}x{width:g}", shape_unit=None, shape_layer=None)
     return bag

@@ -12,7 +12,7 @@ from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.learnt_outline import LearntOutline
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
 from palpate.cli.sources import Source
-from palpate.cli.track_files import Outcome, Outputs, Way, read_first_poses, track_file, track_files
+from palpate.cli.track_files import Outcome, Outputs, Way, load_estimator, read_first_poses, track_file, track_files
 from palpate.errors import SettingError
 from palpate.files import new_file
 from palpate.types.choices import Placement, TableChoices
@@ -158,11 +158,10 @@ def warm_up() -> Report:
 
     Example: palpate warm-up
     """
-    from palpate import tracker
     from palpate.compiled.library import path_of
     from palpate.models.pushing.compiled import PUSHING
 
-    tracker.warm_up()
+    load_estimator()
     path = path_of(PUSHING.improve)
     assert path is not None, "it was made just now"
     return Report("compiled code", {"folder": str(path.parent)})
@@ -220,6 +219,7 @@ def live(
     model, unit = touch.load(touch.tactile)
     if isinstance(unit, Mapping) or bag.hand() is not None:
         raise SettingError("live takes one camera; a hand of several fingers is tracked from recordings and in Python")
+    load_estimator()  # before images come
     with ExitStack() as stack:
         if replay is None:
             setting = _live_setting(stack, str(camera), str(poses), start, bag)

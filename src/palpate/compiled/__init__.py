@@ -83,6 +83,11 @@ class Compiled:
         """Return the name, by which a copy finds the same function, as code is not copied."""
         return _compiled_of, (self.name,)
 
+    @property
+    def is_loaded(self) -> bool:
+        """True once the machine code is loaded."""
+        return "code" in vars(self)
+
     def load(self) -> None:
         """Load the machine code, or make it."""
         _ = self.code
