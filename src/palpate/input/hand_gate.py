@@ -3,6 +3,7 @@
 A finger that gives nothing for a while, or images that cannot be used, is left out and named; the others go on.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -106,6 +107,12 @@ class CheckedHand:
     evidence: InputEvidence
 
 
+def _holds(hand: Hand, name: str) -> bool:
+    """Return True if another finger faces this one, so that both hold the object, and pull it as they push it."""
+    yaws = [mount[2] for mount in hand.mounts.values()]
+    return min(math.cos(yaw - hand.mounts[name][2]) for yaw in yaws) < 0.0
+
+
 class HandGate:
     """Checks the frames of a hand: `check` returns one as it can be used, `accept` makes it the last one."""
 
@@ -126,7 +133,7 @@ class HandGate:
             sideways = set_up.sideways[0] if set_up else 0.0
             mount = se2.compose(np.array(hand.mounts[name]), (0.0, -sideways, 0.0))
             delay = set_up.delay[0] if set_up else 0.0
-            gate = InputGate(sensor, calibration, seek_markers)
+            gate = InputGate(sensor, calibration, seek_markers, only_pushes=not _holds(hand, name))
             self.fingers.append(Finger(name, number, gate, readers[name], mount, sideways, delay, ImageQueue()))
         self.last: Frame | None = None
         """The last frame that was used."""

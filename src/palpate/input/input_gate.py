@@ -56,8 +56,16 @@ class _Seen(NamedTuple):
 class InputGate:
     """Checks the frames of one sensor: `check` returns one as it can be used, `accept` makes it the last one."""
 
-    def __init__(self, sensor: SensorProfile, calibration: Calibration | None, seek_markers: bool = True) -> None:
+    def __init__(
+        self,
+        sensor: SensorProfile,
+        calibration: Calibration | None,
+        seek_markers: bool = True,
+        only_pushes: bool = True,
+    ) -> None:
+        """Take the sensor; one that does not only push may move any way in contact, as it holds the object."""
         self._rate = sensor.rate
+        self._only_pushes = only_pushes
         self._detector = ContactDetector(sensor, calibration, seek_markers)
         self._begin()
 
@@ -73,7 +81,7 @@ class InputGate:
         self._begin()
 
     def _begin(self) -> None:
-        self._poses = PoseMonitor(self._rate)
+        self._poses = PoseMonitor(self._rate, self._only_pushes)
         self._changes = TouchChanges(self._rate)
         # The first images, taken as untouched, may show a touch.
         self._may_show_touch = self._detector.background is None

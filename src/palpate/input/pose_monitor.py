@@ -83,9 +83,10 @@ class SensorMotion(NamedTuple):
 class PoseMonitor:
     """Refuses implausible times and poses, detects poses that are frozen, and names a weakness of the stream."""
 
-    def __init__(self, rate: float) -> None:
-        """Take the sensor's frame rate [Hz]."""
+    def __init__(self, rate: float, only_pushes: bool = True) -> None:
+        """Take the sensor's frame rate [Hz]; one that holds the object with another does not only push along its x."""
         self._rate = rate
+        self._only_pushes = only_pushes
         self._last: _Sample | None = None
         self._different: deque[_Sample] = deque(maxlen=_LIMITS.recent_frames)  # the last ones whose poses differ
         self._moving: deque[_Sample] = deque(maxlen=_LIMITS.recent_frames)  # the same, also between contacts
@@ -156,7 +157,7 @@ class PoseMonitor:
 
         Contact without an image does not count, as a tip may be round and its frame lie anyhow.
         """
-        if sees_touch and self._saw_touch:
+        if sees_touch and self._saw_touch and self._only_pushes:
             self._pushed += self._moved
         self._saw_touch = sees_touch
         without_longest = sorted(self._intervals)[:-1]  # a single gap does not count
@@ -183,7 +184,7 @@ class PoseMonitor:
             self._different.clear()
             self._drawn_back = 0.0
         elif goes_on:
-            self._drawn_back = max(self._drawn_back - self._moved.real, 0.0)
+            self._drawn_back = max(self._drawn_back - self._moved.real, 0.0) if self._only_pushes else 0.0
         if not self._different or (goes_on and not repeats):
             self._different.append(now)
         if not repeats:
