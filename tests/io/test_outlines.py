@@ -35,7 +35,7 @@ def apart(shape, corners):
 def test_names_and_lengths():
     assert load_shape("disc") == load_shape("Disc") == Disc(0.088)
     assert load_shape("0.09x0.06") == load_shape("0.09X0.06") == Rectangle(0.09, 0.06)
-    assert load_shape("90x60", unit="mm") == Rectangle(0.09, 0.06)
+    assert load_shape("90x60", unit="mm") == load_shape("90mmx60mm") == load_shape("9cmX6cm") == Rectangle(0.09, 0.06)
 
 
 @pytest.mark.parametrize(
@@ -258,6 +258,21 @@ def test_what_is_drawn_beside_a_part_is_no_side_of_it(beside, is_polyline, caplo
     made.saveas("a.dxf")
     assert load_shape("a.dxf").area == pytest.approx(3800e-6)
     assert "a.dxf: outline 90 x 60 mm, layer 0, 8 corners" in caplog.text
+
+
+def test_exploded_dimensions_are_no_sides():
+    made = new(units=4, setup=True)
+    space = made.modelspace()
+    space.add_lwpolyline(SLOT, close=True)
+    space.add_line((0, 75), (90, 75))
+    space.add_lwpolyline([(0, 75), (3, 75.5), (3, 74.5)], close=True)
+    space.add_line((10, 0), (10, 60))
+    space.add_lwpolyline([(10, 0), (10.5, 3), (9.5, 3)], close=True)  # in the part
+    dimension = space.add_linear_dim(base=(0, -10), p1=(0, 0), p2=(90, 0))
+    dimension.render()
+    dimension.dimension.explode()
+    made.saveas("a.dxf")
+    assert load_shape("a.dxf").area == pytest.approx(3800e-6)
 
 
 def test_a_frame_round_a_part_is_asked_about():

@@ -189,8 +189,8 @@ class Bag:
         arg(
             "NAME|AxB|FILE",
             "none; bags need it",
-            help="The object: a name as in palpate simulate, the sides of a rectangle such as 0.09x0.06 [m], or an "
-            "outline in a file (CSV, JSON, SVG or DXF).",
+            help="The object: a name as in palpate simulate, the sides of a rectangle such as 0.09x0.06 [m] or "
+            "90mmx60mm, or an outline in a file (CSV, JSON, SVG or DXF).",
         ),
     ] = None
     shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None

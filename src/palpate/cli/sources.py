@@ -12,7 +12,7 @@ from palpate.types.choices import TableChoices
 
 @dataclass(frozen=True)
 class Source:
-    """How paths are read as recordings."""
+    """Options by which paths are read as recordings."""
 
     bag: Bag
     tables: TableChoices = TableChoices()

@@ -36,6 +36,9 @@ class _Limits:
     small: float = 0.02
     """Share of the area of a frame below which a round outline in it is a hole in an object rather than the object."""
 
+    arrow: float = 0.01
+    """Share of the area of the largest outline below which a triangle may be an arrow head."""
+
 
 _LIMITS = _Limits()
 
@@ -119,7 +122,7 @@ def outline_in(path: Path, drawing: Drawing, layer: str | None = None) -> Contou
         contours = _contours(lines)  # what is asked for may be dashed
     if not contours:
         raise ShapeError(f"holds no closed outline: {_why_none(lines, drawing)}")
-    contours = _joined_areas(contours)
+    contours = _joined_areas(_without_arrow_heads(contours, lines))
     outer = [contour for contour in contours if not _around(contour, contours)]
     if len(outer) > 1:
         raise ShapeError(f"holds {len(outer)} outlines side by side, {_listed(outer)}; {_choice(layer)}")
@@ -271,6 +274,20 @@ def _are_first(lines: Sequence[Line], nodes: NDArray[np.intp]) -> Flags:
             first[index] = False
         others.append(shape)
     return first
+
+
+def _without_arrow_heads(contours: Sequence[Contour], lines: Sequence[Line]) -> list[Contour]:
+    """Return contours without small triangles that a line of another contour or of none runs to: arrow heads."""
+    import shapely
+
+    least = _LIMITS.arrow * max(contour.area.area for contour in contours)
+    kept = []
+    for contour in contours:
+        is_small = len(contour.corners) == 4 and contour.area.area < least  # the first corner comes again
+        others = [shapely.LineString(line.points) for line in lines if is_small and line not in contour.lines]
+        if not any(other.distance(contour.area) <= _LIMITS.meeting for other in others):
+            kept.append(contour)
+    return kept
 
 
 def _joined_areas(contours: list[Contour]) -> list[Contour]:

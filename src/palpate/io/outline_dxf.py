@@ -101,7 +101,7 @@ def _inside_of_spline(entity: Any) -> list[Any]:
 
 
 def _other_than_edge(document: Any, seen: _Seen) -> str:
-    """Return what a line is if its type or its layer says that it is no visible edge, else ""."""
+    """Return the kind of a line if its type or its layer says that it is no visible edge, else ""."""
     layer = document.layers.get(seen.layer) if document.layers.has_entry(seen.layer) else None
     if seen.layer.lower() == "defpoints" or (layer is not None and not layer.dxf.get("plot", 1)):
         return "on a layer that is not plotted"

@@ -32,7 +32,7 @@ DRAWINGS = {".svg": "svgelements", ".svgz": "svgelements", ".dxf": "ezdxf"}
 
 
 def load_shape(source: str | Path, unit: Unit | None = None, layer: str | None = None) -> Shape:
-    """Return the outline of an object from a name such as "disc", two lengths such as "0.09x0.06", or a file.
+    """Return the outline of an object from a name such as "disc", two lengths, "0.09x0.06" or "90mmx60mm", or a file.
 
     Files are tables (.csv, .txt: a corner x y a line), JSON ({"vertices": [[x, y], ...]} or as palpate writes shapes),
     SVG and DXF (`pip install 'palpate[outlines]'`). `unit` is that of the numbers, by default metres, or the drawing's
@@ -52,11 +52,11 @@ def load_shape(source: str | Path, unit: Unit | None = None, layer: str | None =
             raise SettingError(f"unit is {unit!r}, but {name} is an object of a known size")
         return SHAPES[known_name]
     scale = None if unit is None else METRES[unit]
-    sides = numbers_of(name.lower().split("x")) or []
+    sides, scale = _sides_of(name.lower(), scale)
     if len(sides) != 2 and not (path.exists() or "/" in name or path.suffix[1:2].isalpha()):
         raise SettingError(
-            f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m], or a file of "
-            "an outline"
+            f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m] or 90mmx60mm, or a "
+            "file of an outline"
         )
     if layer is not None and path.suffix.lower() not in DRAWINGS:
         raise SettingError(f"layer is {layer!r}, but {name} is no drawing (.svg, .dxf), which alone has layers")
@@ -76,6 +76,15 @@ def load_shape(source: str | Path, unit: Unit | None = None, layer: str | None =
         words = "%s: the outline is %.3g m wide, much for an object that a fingertip pushes; is its unit right?"
         logger.warning(words + " unit= (--shape-unit) names it", name, shape.extent)
     return shape
+
+
+def _sides_of(name: str, scale: float | None) -> tuple[list[float], float | None]:
+    """Return two lengths as in 0.09x0.06 or 90mmx60mm, none in other names, and the length of their unit [m]."""
+    match = re.fullmatch(r"([\d.]+)(mm|cm|in|m)x([\d.]+)\2", name)
+    if match is None:
+        sides = numbers_of(name.split("x")) or []
+        return sides, scale
+    return numbers_of((match[1], match[3])) or [], METRES[match[2]]
 
 
 def _words_of(shape: Shape, layer: str) -> str:
