@@ -86,6 +86,8 @@ class MultiHypothesisFilter:
         self._weigher = Weigher(self._prior)
         self._own = OwnMeasurements(model=compiled.model)
         self._graph = Graph(self._settings_record, model, self._own, compiled)
+        # Places of a hand with its fingers as stated must not crowd out those with its fingers exchanged.
+        self._most_unfound = 2 * MOST_PLACES if model.fingers else MOST_PLACES
         self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
         """True if touch images are taken as turned by half a turn or mirrored, of a hand as of exchanged fingers."""
@@ -374,7 +376,7 @@ class MultiHypothesisFilter:
         bank = self._bank
         has_mirrors = bank.rows.has_mirrors
         if len(bank) > 1:
-            most = self._most if self._is_found else max(self._most, MOST_PLACES)
+            most = self._most if self._is_found else max(self._most, self._most_unfound)
             log_weights = self._weigher.log_weights(bank.rows, window.costs())
             kept, weights = reduced(bank.rows, log_weights, most, self._contact_model)
             bank.take(kept)
