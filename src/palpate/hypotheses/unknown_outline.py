@@ -69,6 +69,8 @@ class _Settings:
     """Factor on the standard deviations that are stated of an outline without a drawing, of pose and band alike: on
     tuned pushes of angular and concave objects the errors of corners and of lasting errors of touch exceed those of the
     graph by as much. More noise in the graph makes the errors larger and not the regions honest."""
+    widest_gap: float = 0.3
+    """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
     pole_off: float = 0.25
     """Distance of a better pole from which it is taken, as a share of the mean distance of the outline from its
     pole."""
@@ -188,8 +190,11 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
             return ""
         if not self._has_felt:
             return LACKS_DIRECTIONS
-        if _widest_gap(outline) > 0.5:
+        gap = _widest_gap(outline)
+        if gap > 0.5:
             return "the contacts so far enclose nothing: over half of the outline is a guess"
+        if gap > _SETTINGS.widest_gap:
+            return f"{gap:.0%} of the outline, all on one side, were not touched and are a guess"
         band = 2.0 * float(np.sqrt(np.mean(np.square(outline.deviation[outline.touched]))))
         if band > self._tolerance.length:
             return f"the outline is known to {1e3 * band:.0f} mm where it was touched"
