@@ -128,6 +128,7 @@ def summarised(found: list[dict[str, Any]]) -> dict[str, Any]:
     }
     ratios = [one["unknown"]["rms_mm"] / one["known"]["rms_mm"] for one in found]
     outline = {
+        "recordings": len(found),
         "ratio_median": median(ratios),
         "touched_rms_mm_median": median(one["outline_rms_mm"] for one in found),
         "all_rms_mm_median": median(one["outline_all_rms_mm"] for one in found),
