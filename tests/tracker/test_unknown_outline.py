@@ -1,7 +1,5 @@
 """An object that nobody drew is touched from all sides: its outline is found, with a band that is honest."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -50,13 +48,6 @@ def test_contacts_on_one_side_enclose_nothing():
     first = next(one for one in tracked(Unknown((0.05, 0.2))) if one.contact)
     assert first.status == "uncertain"
     assert "enclose nothing" in first.reason
-
-
-def test_contact_flags_alone_do_not_tell_an_outline():
-    tracker = Tracker(Unknown((0.05, 0.2)), DIGIT, None, TrackerSettings("none"))
-    estimates = [tracker.update(replace(frame, measurements=())) for frame in touches(RADIUS, sides=2)]
-    assert all(one.status == "uncertain" for one in estimates if one.contact)
-    assert "directions" in estimates[-1].reason
 
 
 def test_a_sketch_that_no_contact_fits_is_contradicted():
