@@ -465,6 +465,27 @@ TABLES: dict[str, Table] = {
             "cases",
         ),
     ),
+    "unknown-outline": Table(
+        {
+            "outline": "{name}",
+            "pose error": "{rms_mm_median:.1f} mm, {rms_deg_median:.1f}° ({rms_mm_worst:.0f} mm)",
+            "in 95 %": "{in_95:.0%}",
+            "`tracking` or `resting`": "{sure_share:.0%}",
+            "silently wrong": "{silently_wrong_share:.1%}",
+        },
+        of_json("docs/study/unknown_outline.json", {"known": "known", "unknown": "unknown"}, "pose"),
+    ),
+    "unknown-outline-form": Table(
+        {
+            "recordings": "{recordings}",
+            "pose error, unknown over known": "{ratio_median:.1f}",
+            "touched points, rms": "{touched_rms_mm_median:.1f} mm",
+            "all points, rms": "{all_rms_mm_median:.1f} mm",
+            "touched in 95 %": "{touched_in_95:.0%}",
+            "all in 95 %": "{band_in_95:.0%}",
+        },
+        of_json("docs/study/unknown_outline.json", {"all": "all"}, "outline"),
+    ),
     "two-fingers": Table(
         {
             "touch": "{name}",

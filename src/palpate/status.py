@@ -123,8 +123,8 @@ class PoseEvidence:
     """True if the object was moved while nothing touched it, and is not found again."""
     contradicting_form: str = ""
     """Sentence on a learnt outline that contradicts what was given of it; empty if it does not."""
-    is_open: bool = False
-    """True if contacts so far lie on one side of an outline that is learnt, so that they enclose nothing."""
+    unknown_form: str = ""
+    """Sentence on a learnt outline that is not known well enough; empty if it is."""
     takes_images_as_mirrored: bool = False
     """True if touch fits the push only with images that are upside down or mirrored."""
     may_images_be_mirrored: bool = False
@@ -286,13 +286,13 @@ TABLE = (
     ),
     StatusRow(
         status="uncertain",
-        applies=lambda on: on.pose.is_beyond_tolerance,
-        reason=_uncertainty,
+        applies=lambda on: bool(on.pose.unknown_form),
+        reason=lambda on: on.pose.unknown_form,
     ),
     StatusRow(
         status="uncertain",
-        applies=lambda on: on.pose.is_open,
-        reason=lambda on: "the contacts so far enclose nothing: over half of the outline is a guess",
+        applies=lambda on: on.pose.is_beyond_tolerance,
+        reason=_uncertainty,
     ),
     StatusRow(
         status="tracking",

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import palpate
 from palpate.cli.console import Report
@@ -58,6 +58,14 @@ def bag_to_read(bag: Bag, outline: "palpate.Unknown | palpate.Sketch | None", ne
         width = 0.5 * sum(outline.size)
         return replace(bag, shape=f"{width:g}x{width:g}", shape_unit=None, shape_layer=None)
     return bag
+
+
+def drop_outline_errors(summary: dict[str, Any]) -> None:
+    """Drop the errors of a learnt outline from the summary of a recording whose own is a placeholder or a sketch."""
+    from palpate.types.outline import OUTLINE_ERRORS
+
+    for name in OUTLINE_ERRORS:
+        summary.pop(name, None)
 
 
 def outline(

@@ -11,7 +11,7 @@ from typing import Any
 
 import palpate
 from palpate.cli.console import complain, progress_bar, progress_log
-from palpate.cli.learnt_outline import bag_to_read
+from palpate.cli.learnt_outline import bag_to_read, drop_outline_errors
 from palpate.cli.options import Start
 from palpate.cli.quantities import ANGLE, LENGTH, quantity
 from palpate.cli.sources import Source
@@ -49,11 +49,14 @@ class Way:
 
     def read(self, file: Path) -> "palpate.BagReading":
         """Return a recording, and the plane of its push. Raises PalpateError."""
+        bag = bag_to_read(self.source.bag, self.outline, not self.has_outline(file))
+        return replace(self.source, bag=bag).read(file)
+
+    def has_outline(self, file: Path) -> bool:
+        """Return True for a recording with an outline of its own; a bag has the one that options give it."""
         from palpate.io import detect_format
 
-        has_outline = file.is_file() and detect_format(file) not in (None, "bag")
-        source = replace(self.source, bag=bag_to_read(self.source.bag, self.outline, not has_outline))
-        return source.read(file)
+        return file.is_file() and detect_format(file) not in (None, "bag")
 
     def about(self, file: Path) -> dict[str, Any]:
         """Return the state of a recording's file and the settings it is tracked by, as plain data."""
@@ -159,6 +162,8 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
             nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 
         def keep(run: "palpate.Run") -> None:
+            if way.outline is not None and not way.has_outline(file):
+                drop_outline_errors(run.summary)
             if outputs.page:
                 logger.info("drawing %s", PAGE)
                 with progress_bar(f"drawing {PAGE}"):

@@ -31,8 +31,8 @@ from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.settings import settings_record
 from palpate.models.pushing.unknown_outline import OUTLINE_PUSHING, OutlineContactModel, outline_contact_model
 from palpate.models.pushing.window import ContactWindow
-from palpate.types.measurements import Frame, Measurement
-from palpate.types.outline import Outline, Sketch, Unknown
+from palpate.types.measurements import ContactDirection, Frame, Measurement, Turn
+from palpate.types.outline import LACKS_DIRECTIONS, Outline, Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
@@ -65,6 +65,12 @@ class _Settings:
     in 40 to 70 %."""
     touch: float = 5.0
     """Factor on the variances of touch, for the same reason."""
+    unmodelled: float = 3.0
+    """Factor on the standard deviations that are stated of an outline without a drawing, of pose and band alike: on
+    tuned pushes of angular and concave objects the errors of corners and of lasting errors of touch exceed those of the
+    graph by as much. More noise in the graph makes the errors larger and not the regions honest."""
+    widest_gap: float = 0.3
+    """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
     pole_off: float = 0.25
     """Distance of a better pole from which it is taken, as a share of the mean distance of the outline from its
     pole."""
@@ -120,6 +126,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         self._weigher = Weigher(self._prior)
         self._use(self._first_model)
         self._is_found = True
+        self._has_felt = False  # a direction or a turn
         self._touched_points: Flags = np.zeros(POINTS, np.bool_)
 
     def step(
@@ -132,12 +139,16 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         of_fingers: Sequence[OfFinger] = (),
     ) -> Posterior:
         """Take a frame of one sensor, and return the posterior with the outline; see `MultiHypothesisFilter`."""
+        measured = (*frame.measurements, *from_touch)
+        self._has_felt = self._has_felt or any(isinstance(one, ContactDirection | Turn) for one in measured)
         posterior = super().step(frame, from_touch, hidden_motion, sunk, fingers, of_fingers)
         outline = self._outline()
+        if isinstance(self._given, Unknown):
+            posterior = self._widened(posterior)
         evidence = replace(
             posterior.evidence,
             contradicting_form=self._contradiction(outline),
-            is_open=isinstance(self._given, Unknown) and _widest_gap(outline) > 0.5,
+            unknown_form=self._unknown_form(outline),
         )
         return replace(posterior, outline=outline, evidence=evidence)
 
@@ -159,6 +170,36 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         limit = f"{_SETTINGS.far:g} of its sigmas"
         return f"the outline is up to {1e3 * off[farthest]:.0f} mm from its sketch, more than {limit}"
 
+    def _widened(self, posterior: Posterior) -> Posterior:
+        """Return a posterior with errors that the graph has no variables for; see `_Settings.unmodelled`."""
+        variance = _SETTINGS.unmodelled**2
+        evidence = posterior.evidence
+        position = _SETTINGS.unmodelled * evidence.position_deviation
+        yaw = _SETTINGS.unmodelled * evidence.yaw_deviation
+        is_beyond = 2.0 * position > self._tolerance.length or 2.0 * yaw > self._tolerance.angle
+        return replace(
+            posterior,
+            covariances=variance * posterior.covariances,
+            covariance=variance * posterior.covariance,
+            evidence=replace(evidence, position_deviation=position, yaw_deviation=yaw, is_beyond_tolerance=is_beyond),
+        )
+
+    def _unknown_form(self, outline: Outline) -> str:
+        """Return a sentence if too little is known of the outline; else ""."""
+        if isinstance(self._given, Sketch):
+            return ""
+        if not self._has_felt:
+            return LACKS_DIRECTIONS
+        gap = _widest_gap(outline)
+        if gap > 0.5:
+            return "the contacts so far enclose nothing: over half of the outline is a guess"
+        if gap > _SETTINGS.widest_gap:
+            return f"{gap:.0%} of the outline, all on one side, were not touched and are a guess"
+        band = 2.0 * float(np.sqrt(np.mean(np.square(outline.deviation[outline.touched]))))
+        if band > self._tolerance.length:
+            return f"the outline is known to {1e3 * band:.0f} mm where it was touched"
+        return ""
+
     def _outline(self) -> Outline:
         """Return the outline of the best hypothesis with its band."""
         belief = self._bank.rows.belief
@@ -166,6 +207,8 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         nearest = np.rint(curve.evenly()).astype(int) % POINTS
         points = curve.points[nearest]
         deviation = deviation_at_points(belief.covariance[0], curve)
+        if isinstance(self._given, Unknown):
+            deviation = _SETTINGS.unmodelled * deviation
         at = np.column_stack((points.real, points.imag))
         return Outline(at, deviation[nearest], self._touched_points[nearest])
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.arrays import Array
 from palpate.geometry import se2
-from palpate.geometry.shapes import Shape
+from palpate.io.recording import Recording
 from palpate.types.estimate import Estimate
 from palpate.types.outline import Outline
 
@@ -55,19 +55,23 @@ def _since_first_contact(estimates: Sequence[Estimate]) -> list[Estimate]:
     return placed
 
 
-def outline_scores(outline: Outline, shape: Shape | None) -> dict[str, float | None]:
-    """Return scores of an outline: how much of it was touched, and where the true one is known, how far it is off.
+def outline_scores(outline: Outline | None, recording: Recording) -> dict[str, float | None]:
+    """Return scores of a learnt outline, if there is one: the share that was touched, and how far off a true one it is.
+
+    The true one is that of a recording with ground truth: without, the object frames have nothing in common.
 
     `outline_rms_mm` is the root mean square of the distances of touched points from the true outline, of all points in
     `outline_all_rms_mm`; `outline_in_95` are the shares of all points that are within 1.96 standard deviations of it.
     """
+    if outline is None:
+        return {}
     scores: dict[str, float | None] = {
         "outline_touched_share": float(outline.touched.mean()),
         "outline_sigma_mm": 1e3 * outline.sigma,
     }
-    if shape is None:
+    if not np.isfinite(recording.truth).any():
         return scores
-    off = np.abs(shape.signed_distance(outline.points))
+    off = np.abs(recording.shape.signed_distance(outline.points))
     touched = off[outline.touched]
     scores["outline_rms_mm"] = 1e3 * float(np.sqrt(np.mean(touched**2))) if len(touched) else None
     scores["outline_all_rms_mm"] = 1e3 * float(np.sqrt(np.mean(off**2)))

@@ -28,7 +28,7 @@ from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
 from palpate.types.choices import TactileChoice
 from palpate.types.estimate import Answers, Estimate, Trajectory
-from palpate.types.outline import Outline, Sketch, Unknown
+from palpate.types.outline import LACKS_DIRECTIONS, Outline, Sketch, Unknown
 
 logger = logging.getLogger(__name__)
 
@@ -106,6 +106,7 @@ def track(
         shape = outline or recording.shape
         placed = None if is_placed_by_touch else first
         sensor = recording.hand or recording.sensor
+        warnings.extend(_lacking(recording, settings, outline))
         tracker = Tracker(shape, sensor, placed, settings, model, of_fingers or unit, **start)
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, tracker.tactile_reason or "as asked")
@@ -126,8 +127,7 @@ def track(
     summary |= _scores_of_estimates(recording, estimates, online, answers)
     summary |= {"warnings": [*recording.warnings, *warnings], "mirrored": tracker.mirrored}
     learnt = estimates[-1].outline
-    if learnt is not None:
-        summary |= outline_scores(learnt, recording.shape)
+    summary |= outline_scores(learnt, recording)
     summary["ended"] = _end_of(failure, estimates, total)
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
@@ -139,6 +139,14 @@ def track(
         keep(run)
         raise failure
     return run
+
+
+def _lacking(recording: Recording, settings: TrackerSettings, outline: Unknown | Sketch | None) -> list[str]:
+    """Return a sentence if a recording has nothing that tells of an unknown outline, and log it."""
+    if not isinstance(outline, Unknown) or recording.image is not None or settings.tactile == "oracle":
+        return []
+    logger.warning("%s: %s", recording.file or "the recording", LACKS_DIRECTIONS)
+    return [LACKS_DIRECTIONS]
 
 
 def _anywhere() -> tuple[Array, Array]:

@@ -15,6 +15,12 @@ SMALLEST = 0.02
 """[m] Least width of an object whose outline is unknown: that of a tip."""
 LARGEST = 1.0
 """[m] Largest width of such an object."""
+OUTLINE_ERRORS = ("outline_rms_mm", "outline_all_rms_mm", "outline_in_95")
+"""Errors of a learnt outline in a summary, which need the true one."""
+LACKS_DIRECTIONS = (
+    "an unknown outline needs touch images or contact directions; contact flags alone do not tell its form"
+)
+"""Sentence on an outline that nothing tells of."""
 
 
 @dataclass(frozen=True)
