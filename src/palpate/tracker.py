@@ -14,8 +14,8 @@ from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Shape
-from palpate.models.pushing.compiled import PUSHING, hand_pushing
-from palpate.sensors import OneSensor, Sensors, SeveralFingers, hand_of, units_of
+from palpate.models.pushing.compiled import MODELS, PUSHING
+from palpate.sensors import OneSensor, Sensors, SeveralFingers, compiled_model_of, hand_of, units_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch
@@ -64,7 +64,7 @@ class Tracker:
         rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out. Images of a
         hand are taken as upright; unless `is_view_known`, the tracker finds out if two fingers are exchanged.
 
-        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 40 s to
+        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 20 s to
         compile it.
         """
         hand = hand_of(sensor, mounts)
@@ -76,7 +76,7 @@ class Tracker:
         self._sensors: Sensors
         if hand is None:
             of_sensor: Any = (known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
-            warm_up()
+            warm_up(compiled_model_of(shape, 0, graph))
             self._sensors = OneSensor(shape, settings, of_sensor, set_up_sigma, is_view_known, graph)
         else:
             if graph is not PUSHING:
@@ -86,7 +86,7 @@ class Tracker:
                     "the outline is unknown, and the sensor is a hand; an outline is learnt by one sensor"
                 )
             units = units_of(shape, settings, hand, model, calibration, touch)
-            warm_up(len(hand.fingers))
+            warm_up(compiled_model_of(shape, len(hand.fingers)))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
         self._filter = self._sensors.estimator(self._first, is_placed=first_pose is not None)
         self._sensors.begin(self._first.pose, self._first.covariance)
@@ -168,13 +168,15 @@ class Tracker:
 
 
 @cache
-def warm_up(fingers: int = 0) -> None:
+def warm_up(graph: CompiledModel | None = None) -> None:
     """Load all machine code, or make it where there is none yet; once in a process.
 
-    That of a hand of so many fingers, or of one sensor.
+    Given a model, that of the others is left out.
     """
-    graph = hand_pushing(fingers) if fingers else PUSHING
-    if path_of(graph.improve) is None:
-        logger.warning("compiling the estimator: once for this version, some 40 s")
+    if path_of((graph or PUSHING).improve) is None:
+        logger.warning("compiling the estimator: once for this version, some 20 s")
+    others = [model for model in MODELS if graph is not None and model is not graph]
+    left_out = {function for model in others for function in (model.improve, model.begin_step)}
     for function in EVERY:
-        function.load()
+        if function not in left_out:
+            function.load()
