@@ -64,7 +64,7 @@ class Tracker:
         rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out. Images of a
         hand are taken as upright; unless `is_view_known`, the tracker finds out if two fingers are exchanged.
 
-        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 20 s to
+        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 30 s to
         compile it.
         """
         hand = hand_of(sensor, mounts)
@@ -174,7 +174,7 @@ def warm_up(graph: CompiledModel | None = None) -> None:
     Given a model, that of the others is left out.
     """
     if path_of((graph or PUSHING).improve) is None:
-        logger.warning("compiling the estimator: once for this version, some 20 s")
+        logger.warning("compiling the estimator: once for this version, some 30 s")
     others = [model for model in MODELS if graph is not None and model is not graph]
     left_out = {function for model in others for function in (model.improve, model.begin_step)}
     for function in EVERY:
