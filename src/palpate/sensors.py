@@ -101,6 +101,17 @@ class Sensors(Protocol):
         ...
 
 
+def compiled_model_of(shape: object, fingers: int = 0, graph: CompiledModel = PUSHING) -> CompiledModel:
+    """Return the model of an outline, known or learnt, and one sensor or so many fingers; `graph` is the usual one."""
+    if fingers:
+        return hand_pushing(fingers)
+    if not isinstance(shape, Unknown | Sketch):
+        return graph
+    from palpate.models.pushing.unknown_outline import OUTLINE_PUSHING
+
+    return OUTLINE_PUSHING
+
+
 class OneSensor:
     """One sensor: its gate, its correction by a calibration, and its reader of touch."""
 
@@ -139,7 +150,7 @@ class OneSensor:
                 may_be_mirrored=self._may_be_mirrored,
                 compiled=self._graph,
             )
-        from palpate.hypotheses.unknown_outline import UnknownOutlineFilter  # has machine code of its own
+        from palpate.hypotheses.unknown_outline import UnknownOutlineFilter  # which few need
 
         pose = first.pose if is_placed else None
         return UnknownOutlineFilter(

@@ -7,14 +7,14 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
-from palpate.compiled import EVERY
+from palpate.compiled import EVERY, Compiled
 from palpate.compiled.library import path_of
 from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Shape
-from palpate.models.pushing.compiled import PUSHING, hand_pushing
-from palpate.sensors import OneSensor, Sensors, SeveralFingers, hand_of, units_of
+from palpate.models.pushing.compiled import MODELS, PUSHING
+from palpate.sensors import OneSensor, Sensors, SeveralFingers, compiled_model_of, hand_of, units_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch
@@ -63,7 +63,7 @@ class Tracker:
         rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out. Images of a
         hand are taken as upright; unless `is_view_known`, the tracker finds out if two fingers are exchanged.
 
-        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 40 s to
+        The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 30 s to
         compile it.
         """
         hand = hand_of(sensor, mounts)
@@ -75,7 +75,7 @@ class Tracker:
         self._sensors: Sensors
         if hand is None:
             of_sensor: Any = (known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
-            warm_up()
+            warm_up(compiled_model_of(shape, 0, graph))
             self._sensors = OneSensor(shape, settings, of_sensor, set_up_sigma, is_view_known, graph)
         else:
             if graph is not PUSHING:
@@ -85,7 +85,7 @@ class Tracker:
                     "the outline is unknown, and the sensor is a hand; an outline is learnt by one sensor"
                 )
             units = units_of(shape, settings, hand, model, calibration, touch)
-            warm_up(len(hand.fingers))
+            warm_up(compiled_model_of(shape, len(hand.fingers)))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
         self._filter = self._sensors.estimator(self._first, is_placed=first_pose is not None)
         self._sensors.begin(self._first.pose, self._first.covariance)
@@ -166,16 +166,23 @@ class Tracker:
         return self._sensors.backgrounds
 
 
-def warm_up(fingers: int = 0, progress: Callable[[int], object] | None = None) -> None:
+def machine_code(graph: CompiledModel | None = None) -> list[Compiled]:
+    """Return the compiled functions of a tracker with a model; without one, all that are imported."""
+    others = [model for model in MODELS if graph is not None and model is not graph]
+    left_out = {function for model in others for function in (model.improve, model.begin_step)}
+    return [function for function in EVERY if function not in left_out]
+
+
+def warm_up(graph: CompiledModel | None = None, progress: Callable[[int], object] | None = None) -> None:
     """Load all machine code, or make it where there is none yet.
 
-    That of a hand of so many fingers, or of one sensor. `progress` is called with the number of functions done.
+    Given a model, that of the others is left out. `progress` is called with the number of functions done.
     """
-    graph = hand_pushing(fingers) if fingers else PUSHING
-    is_made = graph.improve.is_loaded or path_of(graph.improve) is not None
+    improve = (graph or PUSHING).improve
+    is_made = improve.is_loaded or path_of(improve) is not None
     if not is_made:
-        logger.warning("compiling the estimator: once for this version, some 40 s")
-    for count, function in enumerate(EVERY, start=1):
+        logger.warning("compiling the estimator: once for this version, some 30 s")
+    for count, function in enumerate(machine_code(graph), start=1):
         function.load()
         if progress:
             progress(count)

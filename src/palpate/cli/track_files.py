@@ -137,13 +137,14 @@ def read_first_poses(path: Path) -> dict[str, Start]:
     return starts
 
 
-def load_estimator(fingers: int = 0) -> None:
-    """Load compiled code, for a hand of so many fingers or for one sensor, with a bar as the first time takes 40 s."""
-    from palpate.compiled import EVERY
-    from palpate.tracker import warm_up
+def load_estimator(outline: "palpate.Unknown | palpate.Sketch | None" = None, fingers: int = 0) -> None:
+    """Load compiled code, for a hand of so many fingers or for one sensor, with a bar as the first time takes 30 s."""
+    from palpate.sensors import compiled_model_of
+    from palpate.tracker import machine_code, warm_up
 
-    with progress_bar("loading the estimator", len(EVERY)) as progress:
-        warm_up(fingers, progress)
+    graph = compiled_model_of(outline, fingers)
+    with progress_bar("loading the estimator", len(machine_code(graph))) as progress:
+        warm_up(graph, progress)
 
 
 def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str, Any]:
@@ -178,7 +179,7 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
 
         start: Any = {"first_pose": first_pose, "first_pose_sigma": sigma, "outline": way.outline}
         model: Any = {"settings": way.settings, "model": way.model, "calibration": way.calibration}
-        load_estimator(0 if recording.hand is None else len(recording.hand.fingers))
+        load_estimator(way.outline, 0 if recording.hand is None else len(recording.hand.fingers))
         with progress_bar(file.name, len(recording)) as progress:
             run = palpate.track(recording, **start, **model, progress=progress, keep=keep)
         keep(run)
@@ -219,7 +220,7 @@ def track_files(
     if workers == 1:
         done(map(work, begun), lambda _: None)
     else:
-        load_estimator()  # before there are workers, so that none has to
+        load_estimator(way.outline)  # before there are workers, so that none has to
         with progress_bar("tracking", len(begun)) as progress, processes(workers) as pool:
             done(results_in_any_order(pool, partial(_silently, work), begun), progress)
     return [outcomes[job] for job in jobs]

@@ -23,6 +23,7 @@ from palpate.pipeline.first_release import release_after_start
 from palpate.pipeline.learnt_outline import in_frame_of_truth, outline_scores
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
 from palpate.pipeline.report import reasons_of
+from palpate.sensors import compiled_model_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
@@ -95,7 +96,7 @@ def track(
         first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
     _check_content(recording, settings.tactile)
     check_calibrations(recording, calibration)
-    warm_up(0 if recording.hand is None else len(recording.hand.fingers))  # its message is not one of the recording's
+    warm_up(compiled_model_of(outline, len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
     with kept_warnings() as warnings:
         of_fingers = calibration if isinstance(calibration, Mapping) else {}
         unit = None if isinstance(calibration, Mapping) else calibration

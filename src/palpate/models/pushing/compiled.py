@@ -54,13 +54,18 @@ def compiled_model(model: Model, code: ModuleType, name: str, surface: Any = SUR
         work=np.zeros(1, records.work),
     )
     begin_step = compiled(np.zeros((1, 1), records.step), name=f"begin_step_{name}")
-    return CompiledModel(
+    made = CompiledModel(
         model=model,
         records=records,
         improve=make_improve(functions, records, given, name),
         begin_step=begin_step(hand_step.begin_hand_step if is_hand else step.begin_step),
     )
+    MODELS.append(made)
+    return made
 
+
+MODELS: list[CompiledModel] = []
+"""All models so far. A tracker needs the machine code of one, and each takes longer to compile than all else."""
 
 PUSHING = compiled_model(MODEL, generated, "pushing")
 """Variables, factors, records and compiled functions of pushing."""
