@@ -93,7 +93,7 @@ class UnknownOutlineFilter(MultiHypothesisFilter):
         first_covariance: Array,
         may_be_mirrored: bool = False,
     ) -> None:
-        """Take what is known of the outline, and the first world_T_object (3,); None is where it is touched first."""
+        """Take what is known of the outline, and the first world_T_object (3,); if None, the first touch defines it."""
         self._sensor = sensor
         self._given = given
         self._outline_prior = outline_prior(given)

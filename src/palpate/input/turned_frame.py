@@ -1,7 +1,7 @@
 """A sensor frame that is turned about its z axis, as seen at the first contact, where the object is known best.
 
-The outline says from which direction it touches the gel, and the image shows from which it does: they differ by the
-turn. Images that lie the other way show the opposite direction, so that the turn is told for both.
+The outline and the image each give the direction in which the gel is touched; the difference is the turn. Images that
+lie the other way give the opposite direction, so there are two answers: one for upright and one for mirrored images.
 """
 
 import math
@@ -24,7 +24,7 @@ class _Limits:
     """Limits of what is found here."""
 
     fewest: int = 4
-    """Frames of touch from which a turn is told."""
+    """Least number of frames of touch for an answer."""
     most: int = 10
     """Frames of touch that are looked at."""
     farthest: float = 4e-3
