@@ -16,9 +16,8 @@ from palpate.geometry.shapes import Shape
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.hypotheses.posterior import Posterior
 from palpate.input.checked_frame import CheckedFrame
-from palpate.input.frame_values import checked_measurements, with_checked_values
+from palpate.input.frame_values import check_one_sensor, checked_measurements, with_checked_values
 from palpate.input.hand_gate import CheckedHand, HandGate
-from palpate.input.hand_values import check_one_sensor
 from palpate.input.input_gate import InputGate
 from palpate.input.sensor_correction import SensorCorrection, moved_on
 from palpate.input.turned_frame import FrameTurnMonitor
@@ -26,7 +25,7 @@ from palpate.models.pushing.compiled import PUSHING, hand_pushing
 from palpate.models.pushing.contact_geometry import contact_model, hand_contact_model
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Fingers, OfFinger
-from palpate.status import MIRRORED, Evidence, InputEvidence, decide, turn_words
+from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, decide, turn_words
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch, TouchReader
@@ -160,7 +159,9 @@ class OneSensor:
     def begin(self, pose: Array, covariance: Array) -> None:
         """Take the object's first pose: the first contact tells if the sensor's frame is turned."""
         known = None if isinstance(self._shape, Unknown | Sketch) else self._shape
-        self._turn = FrameTurnMonitor(known, self._sensor, pose, covariance)
+        monitor = FrameTurnMonitor(known, self._sensor, pose, covariance)
+        self._turn_monitor = monitor if monitor.is_open else None  # until all touches that tell have been seen
+        self._turn: FrameTurn | None = None
         self._is_mirrored_told = False
 
     @property
@@ -215,29 +216,32 @@ class OneSensor:
         measured = self._touch.read(frame, checked.background, checked.light)
         return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
 
-    def _look_for_turn(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
+    def _look_for_turn(self, monitor: FrameTurnMonitor, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
         """Compare the first touches with the outline, and warn once if the sensor's frame is turned."""
-        if not self._touch.reads_images:
-            return
-        was_found = self._turn.found is not None
-        self._turn.see(checked.frame, measured)
-        if self._turn.found is not None and not was_found:
-            logger.warning("frame at %.3f s: %s", checked.frame.time, turn_words(self._turn.found))
+        monitor.see(checked.frame, measured)
+        if monitor.found is not None and self._turn is None:
+            logger.warning("frame at %.3f s: %s", checked.frame.time, turn_words(monitor.found))
+        self._turn = monitor.found
+        if not monitor.is_open:
+            self._turn_monitor = None
 
-    def _warn_if_mirrored(self, is_mirrored: bool, time: float) -> None:
-        """Warn once if images are taken as mirrored, unless the sensor's frame is turned, which looks like it."""
-        if is_mirrored and not self._is_mirrored_told and not self._turn.is_open:
-            self._is_mirrored_told = True
-            if self._turn.found is None:
-                logger.warning("frame at %.3f s: %s", time, MIRRORED)
+    def _warn_that_mirrored(self, time: float) -> None:
+        """Warn once that images are taken as mirrored, unless the sensor's frame is turned, which looks like it."""
+        if self._is_mirrored_told or self._turn_monitor is not None:
+            return
+        self._is_mirrored_told = True
+        if self._turn is None:
+            logger.warning("frame at %.3f s: %s", time, MIRRORED)
 
     def step(
         self, estimator: MultiHypothesisFilter, checked: CheckedFrame, measured: Sequence[Measurement]
     ) -> Posterior:
         """Take the frame and its measurements to all hypotheses."""
-        self._look_for_turn(checked, measured)
+        if self._turn_monitor is not None and self._touch.reads_images:
+            self._look_for_turn(self._turn_monitor, checked, measured)
         posterior = estimator.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
-        self._warn_if_mirrored(estimator.is_mirrored, checked.frame.time)
+        if estimator.is_mirrored:
+            self._warn_that_mirrored(checked.frame.time)
         return posterior
 
     def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
@@ -247,7 +251,7 @@ class OneSensor:
 
     def estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
-        stream = replace(checked.evidence, sunk=self._touch.sunk, turn=self._turn.found)
+        stream = replace(checked.evidence, sunk=self._touch.sunk, turn=self._turn)
         estimate = _decided(posterior, stream, checked.frame.time)
         return self._correction.at_frame_time(estimate, checked.corrected)
 

@@ -19,6 +19,19 @@ from palpate.types.measurements import (
 )
 from palpate.types.space import gel_pose
 
+BY_FINGER = ("images", "contacts", "finger_poses", "image_times")
+"""Values of a frame by finger."""
+
+
+def check_one_sensor(frame: Any) -> None:
+    """Raise FrameError on a frame with values by finger, which a tracker of one sensor cannot use."""
+    for field in BY_FINGER:
+        if isinstance(frame, Frame) and getattr(frame, field):
+            raise FrameError(
+                f"frame at {frame.time} s has {field} by finger, and this tracker has one sensor; allowed are image "
+                "and contact, or a tracker of a hand: Tracker(shape, palpate.Hand(fingers, mounts), first_pose)"
+            )
+
 
 def with_checked_values(frame: Any, measurements: Any, tips: int) -> Frame:
     """Return a copy of a frame, so that a driver may reuse its arrays, with further measurements added.

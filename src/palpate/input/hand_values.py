@@ -9,22 +9,9 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.checks import FARTHEST
 from palpate.errors import FrameError
-from palpate.input.frame_values import check_image, planar, with_checked_values
+from palpate.input.frame_values import BY_FINGER, check_image, planar, with_checked_values
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, finite_number
-
-_BY_FINGER = ("images", "contacts", "finger_poses", "image_times")
-"""Values of a frame by finger."""
-
-
-def check_one_sensor(frame: Any) -> None:
-    """Raise FrameError on a frame with values by finger, which a tracker of one sensor cannot use."""
-    for field in _BY_FINGER:
-        if isinstance(frame, Frame) and getattr(frame, field):
-            raise FrameError(
-                f"frame at {frame.time} s has {field} by finger, and this tracker has one sensor; allowed are image "
-                "and contact, or a tracker of a hand: Tracker(shape, palpate.Hand(fingers, mounts), first_pose)"
-            )
 
 
 def with_checked_hand_values(frame: Any, measurements: Any, hand: Hand) -> Frame:
@@ -39,7 +26,7 @@ def with_checked_hand_values(frame: Any, measurements: Any, hand: Hand) -> Frame
     # Contact is decided finger by finger.
     checked = with_checked_values(_flagged(frame), measurements, len(hand.fingers))
     when = f"frame at {checked.time:.3f} s"
-    given = {field: _by_finger(when, field, getattr(frame, field), hand) for field in _BY_FINGER}
+    given = {field: _by_finger(when, field, getattr(frame, field), hand) for field in BY_FINGER}
     for name, image in given["images"].items():
         check_image(f"{when}, finger {name}", image)
     for name, flag in given["contacts"].items():
