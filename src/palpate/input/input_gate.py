@@ -9,7 +9,7 @@ from palpate.arrays import Array, Image
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FrameError, SettingError
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
-from palpate.input.pose_monitor import PoseMonitor
+from palpate.input.pose_monitor import PoseMonitor, SensorMotion
 from palpate.input.touch_changes import TouchChanges
 from palpate.input.unseen_contact import UnseenContact
 from palpate.status import InputEvidence
@@ -106,34 +106,21 @@ class InputGate:
         """
         frame = corrected.frame
         self._check_time(frame)
-        if frame.image is None and reads_images and frame.contact:
-            raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
-        seen = _Seen(None, bool(frame.contact), False)
-        if frame.image is not None:
-            refuses_grey = reads_images and needs_colours and self.last is None
-            clearance = predicted.clearance(frame.sensor_pose) if self._needs_clearance() else None
-            seen = self._look_at(frame.time, frame.image, clearance, refuses_grey)
+        seen = self._seen(frame, predicted, reads_images, needs_colours)
         goes_on_unseen = self._goes_on_unseen(seen, frame.sensor_pose, predicted)
-        cells = self._detector.cells
-        if seen.contact and seen.image is not None and cells is not None and self.background is not None:
-            self._changes.add(cells, self.background)
-        else:
-            self._changes.clear()
-        in_contact = seen.contact or goes_on_unseen
-        motion = self._poses.check_pose(frame.time, frame.sensor_pose, in_contact, self._changes)
+        self._remember_touch(seen)
+        may_be_in_contact = seen.contact or goes_on_unseen
+        motion = self._poses.check_pose(frame.time, frame.sensor_pose, may_be_in_contact, self._changes)
         has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
-        unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
-        if seen.image is not None and has_drawn_back:
+        if has_drawn_back and seen.image is not None:
             self._detector.forget()  # the gel or the light has changed
             self._may_show_touch = False
             seen = _Seen(seen.image, False, False)
-            in_contact = False
+            goes_on_unseen = False
+        in_contact = seen.contact or (goes_on_unseen and not motion.was_unobserved)
+        unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
         self._touches_since_start = seen.touches_since_start
         self._hidden_motion = motion.hidden
-        if motion.was_unobserved and not seen.contact:
-            in_contact = False
-        sees_touch = seen.contact and seen.image is not None and not motion.was_unobserved
-        weakness = self._poses.weakness(sees_touch)
         was_in_contact = self.last is not None and bool(self.last.contact)
         return CheckedFrame(
             corrected=corrected,
@@ -144,9 +131,18 @@ class InputGate:
             background=self.background,
             light=self._detector.light,
             shows_touch=seen.contact,
-            evidence=InputEvidence(
-                motion.hidden, seen.touches_since_start, self._detector.doubt, weakness, self._poses.push_angle
-            ),
+            evidence=self._evidence(seen, motion),
+        )
+
+    def _evidence(self, seen: _Seen, motion: SensorMotion) -> InputEvidence:
+        """Return the signs that the stream is faulty or weak."""
+        sees_touch = seen.contact and seen.image is not None and not motion.was_unobserved
+        return InputEvidence(
+            hidden_motion=motion.hidden,
+            touches_since_start=seen.touches_since_start,
+            doubt=self._detector.doubt,
+            weakness=self._poses.weakness(sees_touch),
+            push_angle=self._poses.push_angle,
         )
 
     def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
@@ -176,12 +172,26 @@ class InputGate:
             raise FrameError(f"frame at {frame.time:.3f} s follows one at {last.time:.3f} s; times must increase")
         self._poses.check_time(frame.time)
 
-    def _look_at(self, time: float, image: Image, clearance: Clearance | None, refuses_grey: bool) -> "_Seen":
-        """Return the contact that an image shows; raises FrameError if it cannot be used."""
-        image = self._detector.read(image)
-        shows_touch = self._shows_touch(time, image, clearance, refuses_grey)
+    def _seen(self, frame: Frame, predicted: Predicted, reads_images: bool, needs_colours: bool) -> _Seen:
+        """Return the contact that a frame's image shows, or its flag; raises FrameError if it cannot be used."""
+        if frame.image is None:
+            if reads_images and frame.contact:
+                raise FrameError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
+            return _Seen(None, bool(frame.contact), False)
+        refuses_grey = reads_images and needs_colours and self.last is None
+        clearance = predicted.clearance(frame.sensor_pose) if self._needs_clearance() else None
+        image = self._detector.read(frame.image)
+        shows_touch = self._shows_touch(frame.time, image, clearance, refuses_grey)
         touches_since_start = self._touches_before_gel_is_known(clearance, shows_touch)
         return _Seen(image, shows_touch or touches_since_start, touches_since_start)
+
+    def _remember_touch(self, seen: _Seen) -> None:
+        """Remember the cells of an image that shows a touch, or forget the touch that is over."""
+        cells = self._detector.cells
+        if seen.contact and seen.image is not None and cells is not None and self.background is not None:
+            self._changes.add(cells, self.background)
+        else:
+            self._changes.clear()
 
     def _shows_touch(self, time: float, image: Image, clearance: Clearance | None, refuses_grey: bool) -> bool:
         """Return True if an image shows a touch; raises FrameError if it cannot be used."""
