@@ -208,13 +208,8 @@ class OneSensor:
         """Return the measurements by touch, of a frame in contact."""
         if checked.ends_contact:
             self._touch.end_contact()
-        frame = checked.frame
-        self._touch.choose(frame.image, checked.background)
-        is_blind = checked.evidence.touches_since_start and self._touch.reads_images
-        if not frame.contact or is_blind or not checked.shows_touch:
-            return ()
-        measured = self._touch.read(frame, checked.background, checked.light)
-        return checked_measurements(frame.time, measured, self._tips) if self._is_touch_given else measured
+        measured = _measured(self._touch, checked)
+        return checked_measurements(checked.frame.time, measured, self._tips) if self._is_touch_given else measured
 
     def _look_for_turn(self, monitor: FrameTurnMonitor, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
         """Compare the first touches with the outline, and warn once if the sensor's frame is turned."""
@@ -358,12 +353,16 @@ class SeveralFingers:
 
     def measure(self, checked: CheckedHand) -> Mapping[int, Sequence[Measurement]]:
         """Return the measurements by touch of each finger that touches, by its number."""
-        measured = self._gate.measure(checked)
-        names = list(self._hand.fingers)
-        return {
-            number: checked_measurements(checked.frame.time, given, 1) if names[number] in self._own else given
-            for number, given in measured.items()
-        }
+        measured: dict[int, Sequence[Measurement]] = {}
+        for finger in self._gate.fingers:
+            seen = checked.seen.get(finger.number)
+            if not checked.touches[finger.number] or (seen is not None and seen.ends_contact):
+                finger.touch.end_contact()
+            if seen is not None:
+                given = _measured(finger.touch, seen)
+                is_own = finger.name in self._own
+                measured[finger.number] = checked_measurements(checked.frame.time, given, 1) if is_own else given
+        return measured
 
     def step(
         self, estimator: MultiHypothesisFilter, checked: CheckedHand, measured: Mapping[int, Sequence[Measurement]]
@@ -382,6 +381,15 @@ class SeveralFingers:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
         stream = replace(checked.evidence, sunk=float(self._gate.sunk.max()))
         return moved_on(_decided(posterior, stream, checked.frame_time), checked.motion_since)
+
+
+def _measured(touch: TouchReader, checked: CheckedFrame) -> Sequence[Measurement]:
+    """Return the measurements by touch in a frame of one sensor; none where no touch shows or can be measured."""
+    touch.choose(checked.frame.image, checked.background)
+    is_blind = checked.evidence.touches_since_start and touch.reads_images
+    if not checked.frame.contact or is_blind or not checked.shows_touch:
+        return ()
+    return touch.read(checked.frame, checked.background, checked.light)
 
 
 def _decided(posterior: Posterior, stream: InputEvidence, time: float) -> Estimate:

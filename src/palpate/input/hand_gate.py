@@ -187,22 +187,6 @@ class HandGate:
             evidence=self._evidence(seen, touches, reasons),
         )
 
-    def measure(self, checked: CheckedHand) -> dict[int, Sequence[Measurement]]:
-        """Return the measurements by touch of the fingers that touch and show something new, by their numbers."""
-        measured: dict[int, Sequence[Measurement]] = {}
-        for finger in self.fingers:
-            reader = finger.touch
-            one = checked.seen.get(finger.number)
-            if not checked.touches[finger.number] or (one is not None and one.ends_contact):
-                reader.end_contact()
-            if one is None:
-                continue
-            reader.choose(one.frame.image, one.background)
-            is_blind = one.evidence.touches_since_start and reader.reads_images
-            if one.frame.contact and one.shows_touch and not is_blind:
-                measured[finger.number] = reader.read(one.frame, one.background, one.light)
-        return measured
-
     @property
     def sunk(self) -> Array:
         """Indentation beyond the usual one of each finger, as its images show it, (N,) [m]."""
