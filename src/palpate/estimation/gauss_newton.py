@@ -42,13 +42,13 @@ def make_improve(model: Functions, records: RecordTypes, given: Given, name: str
     ) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,); one that converged or is lost is cleared of it.
 
-        Steps are (B, N), after `left` that have left the window, rows (B,) and terms (T,); see `estimation.records`. A
+        Steps are (N, B), after `left` that have left the window, rows (B,) and terms (T,); see `estimation.records`. A
         row takes so many iterations at most.
         """
         for b in range(len(rows)):
             if changing[b]:
                 own_of_row = (own[0], own[1][b])
-                changing[b] = improve_row(steps[b], left, rows[b], terms, own_of_row, given, iterations)
+                changing[b] = improve_row(steps[:, b], left, rows[b], terms, own_of_row, given, iterations)
 
     return compiled(
         np.zeros((1, 1), records.step),

@@ -13,11 +13,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import Array, Flags
+from palpate.arrays import Array, Flags, Integers
 from palpate.errors import EstimationError
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.model import Model
-from palpate.estimation.rows import Indices
 from palpate.types.measurements import OwnMeasurement
 
 LAG = 40
@@ -38,7 +37,7 @@ class OwnMeasurements(Protocol):
     """Time of the last frame [s]."""
 
     def evaluated(self, first: int, steps: NDArray[np.void], shared: Array) -> Array:
-        """Return residuals and Jacobians (B, M, R, 1 + last size) at steps (B, N), of which `first` is the first."""
+        """Return residuals and Jacobians (B, M, R, 1 + last size) at steps (N, B), of which `first` is the first."""
         ...
 
 
@@ -54,11 +53,13 @@ class Window:
         lag: int,
         own: OwnMeasurements,
     ) -> None:
-        """Take the first step (B, 1) and the rows (B,), and the model with what its factors read."""
+        """Take the first step (1, B) and the rows (B,), and the model with what its factors read."""
         self._compiled = compiled
         self._given = given
         self._lag = lag
-        self._steps = steps
+        self._room = steps  # for steps of the window, which are those from `_first` on
+        self._first = 0
+        self._count = 1
         self.rows: NDArray[np.void] = rows
         """State of each row, `estimation.records.row_type` (B,)."""
         self._left = 0  # number of steps that have left the window
@@ -72,19 +73,24 @@ class Window:
         """Variables and factors."""
         return self._compiled.model
 
-    def take(self, rows: Indices) -> None:
+    @property
+    def _steps(self) -> NDArray[np.void]:
+        """The steps of the window in all rows, (N, B); see `estimation.records.step_type`."""
+        return self._room[self._first : self._first + self._count]
+
+    def take(self, rows: Integers | list[int]) -> None:
         """Keep these rows, in this order; a row may be taken several times."""
-        self._steps = _raw(self._steps)[rows].view(self._compiled.records.step)
+        self._make_room(rows)
         self.rows = _raw(self.rows)[rows].view(self._compiled.records.row)
         self._left_costs = self._left_costs[rows]
 
     def last(self, row: int) -> np.void:
         """Return the last step of a row; see `estimation.records.step_type`."""
-        return self._steps[row, -1]
+        return self._steps[-1, row]
 
     def object_path(self) -> Array:
         """Return the object poses of all steps in the window, (B, N, 3)."""
-        return self._steps["object"].copy()
+        return self._steps["object"].swapaxes(0, 1).copy()
 
     def costs(self) -> Array:
         """Return the cost of each of the last steps (B, N, 3): minus its log likelihood, except for a constant.
@@ -93,33 +99,44 @@ class Window:
         the sensor moves the object, and the third is 1 where the second does not count. At most a thousand steps that
         left the window are included.
         """
-        return np.concatenate([self._left_costs, self._steps["cost"]], axis=1)
+        return np.concatenate([self._left_costs, self._steps["cost"].swapaxes(0, 1)], axis=1)
 
     def cost_of_belief(self) -> Array:
         """Return the cost (B,) of leaving the beliefs that the contact began with, while its first step is kept."""
-        return self._steps["cost_of_belief"][:, 0].copy()
+        return self._steps["cost_of_belief"][0].copy()
 
     def count_all_costs(self, rows: Flags) -> None:
         """Count the costs of the process in all steps so far of some rows (B,)."""
         self._left_costs[rows, :, 2] = 0.0
-        self._steps["cost"][rows, :, 2] = 0.0
+        self._steps["cost"][:, rows, 2] = 0.0
 
-    def _append(self, step: NDArray[np.void]) -> None:
-        """Add the next step (B, 1), with what was measured of it; the oldest one leaves a full window."""
-        if self._steps.shape[1] == self._lag:
+    def _next_step(self) -> NDArray[np.void]:
+        """Add the next step and return it, (B,), all of it zero; the oldest one leaves a full window."""
+        if self._count == self._lag:
             self._marginalise()
-        self._steps = np.concatenate([_raw(self._steps), _raw(step)], axis=1).view(self._compiled.records.step)
-        self._compiled.begin_step(self._steps)
+        if self._first + self._count == len(self._room):
+            self._make_room(np.arange(len(self.rows)))
+        self._count += 1
+        step = self._steps[-1]
+        step.view(np.uint8).fill(0)
+        return step
 
     def _join(self, arrived: Array, own: list[tuple[int, OwnMeasurement]], time: float) -> None:
         """Take the terms that arrive with the last step, at a time [s]."""
         self._own.time = time
         self._own.given = [(step, measurement) for step, measurement in (*self._own.given, *own) if step >= self._left]
         self._terms = np.concatenate([self._terms, arrived])
-        is_late = len(arrived) > 0 and arrived[0, 0] < self._left + self._steps.shape[1] - 1
+        is_late = len(arrived) > 0 and arrived[0, 0] < self._left + self._count - 1
         if is_late:
             terms = self._terms[self._terms[:, 0] >= self._left]  # the step of a late one may have left the window
             self._terms = terms[np.lexsort((terms[:, 1], terms[:, 0]))]
+
+    def _make_room(self, rows: Integers | list[int]) -> None:
+        """Keep the steps of these rows, with room for as many again."""
+        room = np.empty((2 * self._count, len(rows)), self._compiled.records.step)
+        np.take(_raw(self._steps), rows, axis=1, out=_raw(room[: self._count]), mode="clip")
+        self._room = room
+        self._first = 0
 
     def _solve(self, changing: Flags) -> None:
         """Take Gauss-Newton steps of the rows that are `changing` (B,); the others keep their solution.
@@ -152,10 +169,11 @@ class Window:
 
     def _marginalise(self) -> None:
         """Replace the oldest step by a Gaussian on the next one and the shared variables."""
-        costs = np.concatenate([self._left_costs, self._steps["cost"][:, :1]], axis=1)
+        costs = np.concatenate([self._left_costs, self._steps["cost"][0][:, None]], axis=1)
         self._left_costs = costs[:, -REMEMBERED:]
         self.rows["past"] = self.rows["next_past"]
-        self._steps = self._steps[:, 1:]
+        self._first += 1
+        self._count -= 1
         self._left += 1
         self._terms = self._terms[np.searchsorted(self._terms[:, 0], self._left) :]
 

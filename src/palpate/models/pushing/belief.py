@@ -4,18 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Records
+from palpate.compiled import compiled
 from palpate.estimation.rows import RowArrays
 from palpate.estimation.variable import Variable
-from palpate.geometry import se2
-from palpate.models.pushing.contact_geometry import ContactModel
+from palpate.manifolds.se2_kernels import position, rotation
+from palpate.models.pushing.contact_geometry import CONTACT_GEOMETRY, SURFACE, ContactModel, Surface, put_touch
 from palpate.models.pushing.hand import hand_model, variable_of
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.priors import ObjectPrior
 from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
 _IN_OBJECT = MODEL.in_object
-_SCALE = 3 + _IN_OBJECT[OUTLINE_SCALE].start
+_SCALE = _IN_OBJECT[OUTLINE_SCALE].start
 _TANGENT = 3  # numbers of a pose
 
 
@@ -78,30 +79,70 @@ def place_of(variable: Variable, finger: int) -> slice:
 
 
 def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tuple[Array, Array]:
-    """Return the distances (B, P) [m] of sensor poses (P, 3) from the object, and their derivatives by the belief.
+    """Return the distances (B, P) [m] of sensor poses (P, 3) or (B, P, 3) from the object, and their derivatives.
 
-    These are (B, P, 3 + V), in the order of `Belief.covariance`.
+    These are (B, P, 3 + V), by the belief in the order of `Belief.covariance`.
     """
-    g = se2.between(belief.pose[:, None], sensor_poses)
-    near = model.touching(g)
-    gap = near["gap"]
-    normal = near["normal"]
-    arm = near["point"] - model.friction_center
-    extent = np.real(np.conj(normal) * arm) - gap * np.square(np.abs(normal))
-    by_outline = model.by_outline(near)
-    # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
-    position = g[..., 0] + 1j * g[..., 1]
-    by_g = near["gap_by_g"]
-    force = np.exp(1j * g[..., 2]) * (by_g[..., 0] + 1j * by_g[..., 1])
-    derivative = np.zeros((*gap.shape, _TANGENT + belief.values.shape[1]))
-    derivative[..., 0] = -force.real
-    derivative[..., 1] = -force.imag
-    derivative[..., 2] = -by_g[..., 2] - (position.conj() * force).imag
-    depth = place_of(DEPTH, model.finger)
-    derivative[..., 3 + depth.start] = 1.0
-    derivative[..., _SCALE] = -extent
-    if by_outline.shape[2]:
+    poses = sensor_poses.reshape(-1, *sensor_poses.shape[-2:])
+    shape = (len(belief), poses.shape[1])
+    near = np.empty(shape, CONTACT_GEOMETRY)
+    gap = np.empty(shape)
+    derivative = np.zeros((*shape, _TANGENT + belief.values.shape[1]))
+    depth = place_of(DEPTH, model.finger).start
+    _put_clearances(
+        belief.pose, belief.values, poses, depth, model.friction_center, model.at_rest.surface, near, gap, derivative
+    )
+    if model.is_learnt:
+        by_outline = model.by_outline(near)
         heights = belief.values.shape[1] - by_outline.shape[2]
         derivative[..., _TANGENT + heights :] = by_outline
-        gap = gap + np.einsum("bpk,bk->bp", by_outline, belief.values[:, heights:])
-    return gap + belief.values[:, depth] - belief[OUTLINE_SCALE] * extent, derivative
+        gap += np.einsum("bpk,bk->bp", by_outline, belief.values[:, heights:])
+    return gap, derivative
+
+
+@compiled(
+    np.zeros((1, 3)),
+    np.zeros((1, 1)),
+    np.zeros((1, 1, 3)),
+    0,
+    0j,
+    SURFACE,
+    np.zeros((1, 1), CONTACT_GEOMETRY),
+    np.zeros((1, 1)),
+    np.zeros((1, 1, 1)),
+)
+def _put_clearances(
+    poses: Array,
+    values: Array,
+    sensor_poses: Array,
+    depth: int,
+    center: complex,
+    surface: Surface,
+    near: Records,
+    gap: Array,
+    derivative: Array,
+) -> None:
+    """Write the geometry of contact (B, P), gaps (B, P) and derivatives; the depth has this place among the values.
+
+    Sensor poses (B, P, 3) are those of each belief, or (1, P, 3) those of all.
+    """
+    for b in range(len(poses)):
+        sensors = sensor_poses[min(b, len(sensor_poses) - 1)]
+        for p in range(len(sensors)):
+            back = rotation(-poses[b, 2])
+            place = back * (position(sensors[p]) - position(poses[b]))
+            turn = back * rotation(sensors[p, 2])
+            touch = near[b, p]
+            put_touch(place, turn, surface, touch)
+            normal = touch.normal
+            extent = (normal.conjugate() * (touch.point - center)).real
+            extent -= touch.gap * (normal.real**2 + normal.imag**2)
+            gap[b, p] = touch.gap + values[b, depth] - values[b, _SCALE] * extent
+            # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
+            force = turn * complex(touch.gap_by_g[0], touch.gap_by_g[1])
+            out = derivative[b, p]
+            out[0] = -force.real
+            out[1] = -force.imag
+            out[2] = -touch.gap_by_g[2] - (place.conjugate() * force).imag
+            out[_TANGENT + depth] = 1.0
+            out[_TANGENT + _SCALE] = -extent

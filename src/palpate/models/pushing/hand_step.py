@@ -117,11 +117,11 @@ def make_put_last_hand_force(model: Model) -> Any:
 
 
 def begin_hand_step(steps: Records) -> None:
-    """Begin the last of the steps (B, N), as `step.begin_step` does; its motion is that of the fingers that touch."""
-    last = steps.shape[1] - 1
-    for b in range(len(steps)):
-        now = steps[b, last]
-        before = steps[b, last - 1]
+    """Begin the last of the steps (N, B), as `step.begin_step` does; its motion is that of the fingers that touch."""
+    last = len(steps) - 1
+    for b in range(steps.shape[1]):
+        now = steps[last, b]
+        before = steps[last - 1, b]
         now.turn_measured = rotation(now.measured[2])
         now.moved = 0.0
         for k in range(len(now.touches)):
@@ -130,4 +130,4 @@ def begin_hand_step(steps: Records) -> None:
                 there = position(before.measured) + before.turn_measured * position(before.finger[k])
                 sinking = abs(now.sunk[k] - before.sunk[k]) if before.touches[k] > 0.5 else 0.0
                 now.moved = max(now.moved, abs(here - there) + SHARE_OF_SINKING * sinking)
-        go_on(steps[b])
+        go_on(steps[:, b])

@@ -58,7 +58,7 @@ class OwnMeasurements:
                 continue
             try:
                 _check_variables(self.model, measurement, is_resting)
-                rows.append(self._of_all_rows(measurement, steps[:, step - first], shared))
+                rows.append(self._of_all_rows(measurement, steps[step - first], shared))
                 usable.append((step, measurement))
             except EstimationError as error:
                 which = "it is" if self.is_right.get(kind, True) else "all of them are"
@@ -66,7 +66,7 @@ class OwnMeasurements:
                     logger.warning("frame at %.3f s: %s; %s left out, further ones silently", self.time, error, which)
                 self.warned.add(kind)
         self.given = usable
-        return np.stack(rows, axis=1) if rows else np.empty((len(steps), 0, MOST_OWN_ROWS, 1 + self.model.last_size))
+        return np.stack(rows, axis=1) if rows else np.empty((len(shared), 0, MOST_OWN_ROWS, 1 + self.model.last_size))
 
     def _of_all_rows(self, measurement: OwnMeasurement, step: NDArray[np.void], shared: Array) -> Array:
         """Return residual and Jacobian (B, 6, 1 + last size) of a measurement at its step of all rows (B,)."""

@@ -43,18 +43,18 @@ def put_object_derivative(now: Records, jacobian: Array, first: int) -> None:
 
 
 def begin_step(steps: Records) -> None:
-    """Begin the last of the steps (B, N), in which the measured sensor pose and the disturbance are set.
+    """Begin the last of the steps (N, B), in which the measured sensor pose and the disturbance are set.
 
     The sensor pose in the object is that of constant motion from the two steps before.
     """
-    last = steps.shape[1] - 1
-    for b in range(len(steps)):
-        now = steps[b, last]
-        before = steps[b, last - 1]
+    last = len(steps) - 1
+    for b in range(steps.shape[1]):
+        now = steps[last, b]
+        before = steps[last - 1, b]
         now.turn_measured = rotation(now.measured[2])
         travel = abs(position(now.measured) - position(before.measured))
         now.moved = travel + SHARE_OF_SINKING * abs(now.sunk - before.sunk)
-        go_on(steps[b])
+        go_on(steps[:, b])
 
 
 @kernel

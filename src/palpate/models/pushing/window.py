@@ -28,7 +28,7 @@ class PushingWindow(window.Window):
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
-        pose = self._steps["object"][:, -1].copy()
+        pose = self._steps["object"][-1].copy()
         values = self.rows["shared"][:, self._compiled.model.contact_size :].copy()
         return Belief(pose, values, self.rows["covariance"].copy())
 
@@ -59,7 +59,7 @@ class ContactWindow(PushingWindow):
             drift[variables.last_size - variables.object_size :] = object_prior(priors, variables).change_per_step
         sign = np.ones(len(belief)) if sign is None else sign
         steps, rows = begun(compiled, belief, step.sensor_pose, sign)
-        self._put_sunk_and_fingers(steps, rows, step)
+        _put_sunk_and_fingers(steps[0], rows, step)
         given = Given(graph.settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
         super().__init__(compiled, given, steps, rows, lag, graph.own)
         self._have_turns: set[int] = set()  # fingers, 0 of a single sensor
@@ -73,14 +73,14 @@ class ContactWindow(PushingWindow):
         `spread` (B,) [m] is the standard deviation of the slide over the sensor by which something else may move the
         object in this step. Raises EstimationError where no hypothesis has a solution.
         """
-        arrived, own = terms_of(self._compiled, step, self._left + self._steps.shape[1])  # may raise
-        now = np.zeros((len(self.rows), 1), self._compiled.records.step)
+        arrived, own = terms_of(self._compiled, step, self._left + self._count)  # may raise
+        self._begin_contacts_anew(step)
+        now = self._next_step()
         now["e"] = step.sensor_pose
         now["measured"] = step.sensor_pose
-        now["spread"][:, 0] = spread
-        self._put_sunk_and_fingers(now, self.rows, step)
-        self._begin_contacts_anew(step)
-        self._append(now)
+        now["spread"] = spread
+        _put_sunk_and_fingers(now, self.rows, step)
+        self._compiled.begin_step(self._steps)
         self._solve_with(step, arrived, own)
 
     def _solve_with(self, step: Step, arrived: Array, own: list[tuple[int, OwnMeasurement]]) -> None:
@@ -99,23 +99,12 @@ class ContactWindow(PushingWindow):
             if isinstance(measurement, Turn) and finger not in self._have_turns:
                 self._have_turns.add(finger)
                 sign = self.rows["sign"] if index < step.from_touch else 1.0
-                yaw = self._steps["g"][:, -1, 2]
+                yaw = self._steps["g"][-1, :, 2]
                 if step.fingers is not None:
-                    yaw = yaw + self._steps["finger"][:, -1, finger, 2]
+                    yaw = yaw + self._steps["finger"][-1, :, finger, 2]
                 offset = se2.wrap(yaw - measurement.angle * sign)
                 place = self._compiled.model.in_shared[variable_of(TURN_OFFSET, finger)]
                 self.rows["shared"][:, place] = offset[:, None]
-
-    def _put_sunk_and_fingers(self, now: NDArray[np.void], rows: NDArray[np.void], step: Step) -> None:
-        """Write to a new step (B, 1) what the sensor or the fingers of a hand bring besides their pose."""
-        if step.fingers is None:
-            now["sunk"] = step.sunk
-            return
-        now["sunk"] = step.fingers.sunk
-        now["touches"] = step.fingers.touches
-        mounts = step.fingers.mounts_in(rows["sign"])
-        now["finger"][:, 0] = mounts
-        now["turn_finger"][:, 0] = np.exp(1j * mounts[..., 2])
 
     def _note_touching(self, step: Step) -> None:
         """Remember the fingers that touch."""
@@ -129,7 +118,7 @@ class ContactWindow(PushingWindow):
         """
         if step.fingers is None:
             return
-        begin = step.fingers.touches & (self._steps["touches"][0, -1] < 0.5)
+        begin = step.fingers.touches & (self._steps["touches"][-1, 0] < 0.5)
         for finger in np.flatnonzero(begin).tolist():
             if finger in self._have_touched:
                 self._forget_contact(finger)
@@ -158,24 +147,24 @@ class ContactWindow(PushingWindow):
         `slide` (len(rows),) is the slide of the object over the sensor in all these steps, counter-clockwise along the
         outline, and `spread` its standard deviation, both [m].
         """
-        last = self._steps.shape[1]
+        last = self._count
         first = max(last - steps, 1)
         count = max(last - first, 1)
-        slide_of_step = slide[:, None] / count
-        disturbed = self._steps[rows, first:]
+        slide_of_step = slide / count
+        disturbed = self._steps[first:, rows]
         disturbed["slide"] = slide_of_step
         disturbed["spread"] = spread / math.sqrt(count)
         disturbed["cost"][..., 2] = 1.0
         # Seen from the object, the sensor moves the other way.
-        back = -slide_of_step * np.arange(1.0, last - first + 1)
+        back = -slide_of_step * np.arange(1.0, last - first + 1)[:, None]
         disturbed["g"] = self._moved_along(disturbed, back)
-        self._steps[rows, first:] = disturbed
+        self._steps[first:, rows] = disturbed
         changing = np.zeros(len(self.rows), np.bool_)
         changing[rows] = True
         self._solve(changing)
 
     def _moved_along(self, steps: NDArray[np.void], lengths: Array) -> Array:
-        """Return the sensor poses g (K, N, 3) of some steps moved along the outline by lengths (K, N) [m].
+        """Return the sensor poses g (N, K, 3) of some steps moved along the outline by lengths (N, K) [m].
 
         A hand moves with its first finger that touches at the last of these steps.
         """
@@ -183,10 +172,22 @@ class ContactWindow(PushingWindow):
         g = steps["g"].reshape(-1, 3)
         if not model.fingers:
             return model.moved_along(g, lengths.ravel()).reshape(steps["g"].shape)
-        finger = int(np.argmax(steps["touches"][0, -1]))
+        finger = int(np.argmax(steps["touches"][-1, 0]))
         mount = steps["finger"][:, :, finger].reshape(-1, 3)
         moved = model.fingers[finger].moved_along(se2.compose(g, mount), lengths.ravel())
         return se2.compose(moved, se2.inverse(mount)).reshape(steps["g"].shape)
+
+
+def _put_sunk_and_fingers(now: NDArray[np.void], rows: NDArray[np.void], step: Step) -> None:
+    """Write to a new step (B,) what the sensor or the fingers of a hand bring besides their pose."""
+    if step.fingers is None:
+        now["sunk"] = step.sunk
+        return
+    now["sunk"] = step.fingers.sunk
+    now["touches"] = step.fingers.touches
+    mounts = step.fingers.mounts_in(rows["sign"])
+    now["finger"] = mounts
+    now["turn_finger"] = np.exp(1j * mounts[..., 2])
 
 
 def _forget(past: np.void, first: int, place: int, variable: Variable) -> None:
@@ -212,16 +213,16 @@ def _forget(past: np.void, first: int, place: int, variable: Variable) -> None:
 def begun(
     compiled: CompiledModel, belief: Belief, sensor_pose: Array, sign: Array
 ) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Return the first step (B, 1) and the rows (B,) of a window that begins with these beliefs.
+    """Return the first step (1, B) and the rows (B,) of a window that begins with these beliefs.
 
     The sensor pose is (3,), or (B, 3).
     """
     model = compiled.model
-    steps = np.zeros((len(belief), 1), compiled.records.step)
+    steps = np.zeros((1, len(belief)), compiled.records.step)
     rows = np.zeros(len(belief), compiled.records.row)
-    steps["g"][:, 0] = se2.between(belief.pose, sensor_pose)
-    steps["e"][:, 0] = sensor_pose
-    steps["measured"][:, 0] = sensor_pose
+    steps["g"] = se2.between(belief.pose, sensor_pose)
+    steps["e"] = sensor_pose
+    steps["measured"] = sensor_pose
     steps["turn_measured"] = np.exp(1j * steps["measured"][..., 2])
     of_contact = model.of("contact")
     rows["shared"][:, : model.contact_size] = model.prior_mean(of_contact)
@@ -230,8 +231,8 @@ def begun(
     past = rows["past"]
     for k, deviation in enumerate(model.prior_deviation(of_contact), start=model.step_size):
         past["information"][:, k, k] = deviation**-2.0
-    past["g"] = steps["g"][:, 0]
-    past["e"] = steps["e"][:, 0]
+    past["g"] = steps["g"][0]
+    past["e"] = steps["e"][0]
     past["shared"] = rows["shared"]
     rows["first_pose"] = belief.pose
     rows["first_turn"] = np.exp(1j * belief.pose[:, 2])
