@@ -105,10 +105,10 @@ class Window:
         """Return the cost (B,) of leaving the beliefs that the contact began with, while its first step is kept."""
         return self._steps["cost_of_belief"][0].copy()
 
-    def count_all_costs(self, rows: Flags) -> None:
-        """Count the costs of the process in all steps so far of some rows (B,)."""
-        self._left_costs[rows, :, 2] = 0.0
-        self._steps["cost"][:, rows, 2] = 0.0
+    def count_all_costs(self) -> None:
+        """Count the costs of the process in all steps so far."""
+        self._left_costs[..., 2] = 0.0
+        self._steps["cost"][..., 2] = 0.0
 
     def _next_step(self) -> NDArray[np.void]:
         """Add the next step and return it, (B,), all of it zero; the oldest one leaves a full window."""

@@ -23,7 +23,7 @@ class HypothesisBank:
         """Keep these hypotheses, in this order; one may be taken several times."""
         present = np.arange(len(self.rows))
         taken = present[indices]
-        if np.array_equal(taken, present):
+        if taken.tolist() == present.tolist():
             return
         self.rows = self.rows.take(taken)
         if self.window is not None:
@@ -31,5 +31,5 @@ class HypothesisBank:
 
     def drop_lost(self) -> None:
         """Drop the hypotheses that have no solution."""
-        if self.window is not None:
+        if self.window is not None and self.window.rows["is_lost"].any():
             self.take(~self.window.rows["is_lost"])

@@ -129,7 +129,7 @@ class ConsistencyMonitor:
     def test_variables(self, rows: Hypotheses) -> Hypotheses:
         """Test that the object's variables are plausible; each of their standard deviations may hide one of contact."""
         deviations = np.abs(self._unusual(rows)).max(axis=1)
-        if (deviations <= _IMPLAUSIBLE).all() and not rows.contradictions[:, _VARIABLES].any():
+        if deviations.max() <= _IMPLAUSIBLE and not rows.contradictions.any():
             return rows
         off = np.where(deviations > _IMPLAUSIBLE, deviations * self._contact_deviation, 0.0)
         return replace(rows, contradictions=_with_distance(rows.contradictions, _VARIABLES, off))

@@ -277,8 +277,8 @@ class MultiHypothesisFilter:
         bank.rows = bank.rows.with_yaw_held_out(is_observable=measures_pose or not is_round(self._contact_model))
         self._begin_window(step)
         bank.drop_lost()
-        first_poses = bank.rows.belief.pose[:, None]
-        self._test_object_poses(step, first_poses)
+        if measures_pose:
+            self._test_object_poses(step, bank.rows.belief.pose[:, None])
         return measures_pose
 
     def _begin_window(self, step: Step) -> None:
@@ -301,7 +301,9 @@ class MultiHypothesisFilter:
 
     def _continue_contact(self, step: Step, window: ContactWindow) -> bool:
         """Take the next frame of a contact in all hypotheses; see `_begin_contact`."""
-        measures_pose = self._test_object_poses(step, window.object_path())
+        measures_pose = any(isinstance(one, ObjectPose) for one in step.measurements)
+        if measures_pose:
+            self._test_object_poses(step, window.object_path())
         is_disturbed = self._bank.rows.disturbed_steps_left > 0
         window.add(step, np.where(is_disturbed, SHOVE_SIGMA / math.sqrt(STEPS_BEFORE_ALARM), 0.0))
         self._bank.drop_lost()
@@ -345,16 +347,13 @@ class MultiHypothesisFilter:
         self._begin_rest()
         self._has_begun_anew = True
 
-    def _test_object_poses(self, step: Step, path: Array) -> bool:
-        """Test measured poses of the object against the poses (B, N, 3) before this step; True if there are any."""
+    def _test_object_poses(self, step: Step, path: Array) -> None:
+        """Test measured poses of the object against the poses (B, N, 3) before this step."""
         measured = [one for one in step.measurements if isinstance(one, ObjectPose)]
-        if not measured:
-            return False
         expected = [path[:, min(step_of(one, step.times), -1)] for one in measured]
         before = step.sensor_pose if self._sensor_pose is None else self._sensor_pose
         moved = math.hypot(*(step.sensor_pose - before)[:2])
         self._bank.rows = self._monitor.test_object_poses(self._bank.rows, expected, measured, moved)
-        return True
 
     def _branch_at_alarms(self, window: ContactWindow) -> None:
         """Add hypotheses that something else moved the object, where touch and pushing contradict each other."""
@@ -384,7 +383,8 @@ class MultiHypothesisFilter:
         is_single = len(bank) == 1
         if is_single and not bank.rows.is_only_one:
             bank.rows = bank.rows.as_only_one()
-        window.count_all_costs(np.full(len(bank), is_single))
+        if is_single:
+            window.count_all_costs()
         if has_mirrors:
             self._decide_mirrored()
         if is_single and not self._is_found:

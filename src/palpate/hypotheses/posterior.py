@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.geometry import se2
+from palpate.compiled import compiled
 from palpate.hypotheses.consistency import ConsistencyMonitor, contradicting_distances
 from palpate.hypotheses.rows import Hypotheses
 from palpate.hypotheses.weigher import LIKELY_WEIGHT
+from palpate.manifolds.se2_kernels import between, log
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.variables import GRIP
 from palpate.status import Ambiguity, Implausible, PoseEvidence, Verdict
@@ -131,9 +132,10 @@ def posterior_of(
     covariance = covariances[0]
     ambiguity = None
     if len(rows) > 1:
-        from_best = se2.log(se2.between(rows.belief.pose[0], rows.belief.pose))
-        covariance = _spanning(from_best, covariances, rows.weight)
-        ambiguity = _ambiguity(from_best @ monitor.to_centroid.T, rows, tolerance)
+        from_best = np.empty((len(rows), 3))
+        covariance = np.zeros((3, 3))
+        _put_spread(rows.belief.pose, covariances, rows.weight, monitor.to_centroid, from_best, covariance)
+        ambiguity = _ambiguity(from_best, rows, tolerance)
     x, y, yaw = np.sqrt(_at(monitor.to_centroid, covariance).diagonal()).tolist()
     position = max(x, y)
     evidence = PoseEvidence(
@@ -146,7 +148,7 @@ def posterior_of(
         contradicting_poses=contradictions[0],
         contradicting_outline=contradictions[1],
         implausible=Implausible(*monitor.least_plausible(rows)) if contradictions[2] > 0.0 else None,
-        is_displaced=_is_displaced(rows, _at(monitor.to_centroid, known[0]), in_contact, tolerance),
+        is_displaced=_is_displaced(rows, known[0], in_contact, monitor, tolerance),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=rows.has_mirrors,
         are_of_hand=circumstances.are_of_hand,
@@ -161,25 +163,40 @@ def _at(motion: Array, covariance: Array) -> Array:
     return motion @ covariance @ motion.T
 
 
-def _is_displaced(rows: Hypotheses, covariance: Array, in_contact: bool, tolerance: Tolerance) -> bool:
+def _is_displaced(
+    rows: Hypotheses, covariance: Array, in_contact: bool, monitor: ConsistencyMonitor, tolerance: Tolerance
+) -> bool:
     """Return True if the object of the best hypothesis was moved, and no contact has found it again so far.
 
-    `covariance` (3, 3) is that of its centroid.
+    `covariance` (3, 3) is that of its pose.
     """
     if rows.displacement[0] == 0.0:
         return False
-    is_lost = covariance.diagonal() > np.square(_FOUND_SIGMA)
+    is_lost = _at(monitor.to_centroid, covariance).diagonal() > np.square(_FOUND_SIGMA)
     counts = is_lost if math.isfinite(tolerance.angle) else is_lost[:2]
     return not in_contact or bool(counts.any())
 
 
-def _spanning(from_best: Array, covariances: Array, weights: Array) -> Array:
-    """Return the covariance (3, 3) of all hypotheses about the best, in its body frame.
+@compiled(np.zeros((1, 3)), np.zeros((1, 3, 3)), np.zeros(1), np.zeros((3, 3)), np.zeros((1, 3)), np.zeros((3, 3)))
+def _put_spread(
+    poses: Array, covariances: Array, weights: Array, to_centroid: Array, from_best: Array, covariance: Array
+) -> None:
+    """Add up the covariance (3, 3) of all hypotheses about the best, in its body frame.
 
-    `from_best` (B, 3) are their poses in the tangent space at the best.
+    Their centroids in the tangent space at the best one are written to `from_best` (B, 3).
     """
-    about_best = covariances + from_best[:, :, None] * from_best[:, None, :]
-    return np.sum(weights[:, None, None] * about_best, axis=0)
+    for b in range(len(poses)):
+        off = from_best[b]
+        between(poses[0], poses[b], off)
+        log(off, off)
+        for i in range(3):
+            for j in range(3):
+                covariance[i, j] += weights[b] * (covariances[b, i, j] + off[i] * off[j])
+        x = off[0]
+        y = off[1]
+        yaw = off[2]
+        for i in range(3):
+            off[i] = to_centroid[i, 0] * x + to_centroid[i, 1] * y + to_centroid[i, 2] * yaw
 
 
 def _ambiguity(from_best: Array, rows: Hypotheses, tolerance: Tolerance) -> Ambiguity | None:

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.arrays import Array, Flags, Integers
+from palpate.arrays import Array, Integers
+from palpate.compiled import compiled
 from palpate.hypotheses.rows import Hypotheses
+from palpate.manifolds.se2_kernels import position, rotation
 from palpate.models.pushing.contact_geometry import ContactModel
 
 POOR_WEIGHT = 1e-3
@@ -16,8 +18,8 @@ _STAYS_BEST = 0.2
 """Weight, relative to the likeliest, above which the last best stays the best: near ties would swap in every frame."""
 _SAME_POSITION = 2e-3
 """[m] between poses that are the same for all that matters."""
-_SAME_YAW = 0.02
-"""[rad] between such poses."""
+_SAME_COSINE = math.cos(0.02)
+"""Cosine of the angle between such poses."""
 
 
 class Reduction(NamedTuple):
@@ -38,21 +40,12 @@ def reduced(rows: Hypotheses, log_weights: Array, most: int, model: ContactModel
     best = 0 if relative[0] > _STAYS_BEST else int(relative.argmax())
     scores = log_weights.copy()
     scores[best] = np.inf
-    poses = model.centroid_poses(rows.belief.pose)
-    is_same = _may_be_merged(rows) & poses_agree(poses[:, None], poses[None])
-    kept: list[int] = []
-    for row in np.argsort(-scores).tolist():
-        if relative[row] >= POOR_WEIGHT and not is_same[row, kept].any():
-            kept.append(row)
-    kept = kept[:most]
-    return Reduction(np.array(kept), relative[kept] / sum(relative[kept]))
-
-
-def _may_be_merged(rows: Hypotheses) -> Flags:
-    """Return True (B, B) for pairs that take images the same way, and in which nothing else moves the object now."""
-    is_settled = rows.disturbed_steps_left == 0
-    takes_images_alike = rows.touch_sign[:, None] == rows.touch_sign
-    return takes_images_alike & is_settled[:, None] & is_settled
+    order = np.argsort(-scores)
+    # Those that take images differently, or in which something else moves the object now, stay apart.
+    kind = np.where(rows.disturbed_steps_left == 0, rows.touch_sign, np.nan)
+    is_first = _representatives(rows, order, kind, model) == order
+    kept = order[is_first & (relative[order] >= POOR_WEIGHT)][:most]
+    return Reduction(kept, relative[kept] / sum(relative[kept]))
 
 
 def merged(rows: Hypotheses, most: int, model: ContactModel) -> Hypotheses:
@@ -60,21 +53,37 @@ def merged(rows: Hypotheses, most: int, model: ContactModel) -> Hypotheses:
 
     The hypotheses must be in the order of their log priors, the likeliest first.
     """
-    poses = model.centroid_poses(rows.belief.pose)
+    order = np.arange(len(rows))
+    representatives = _representatives(rows, order, np.zeros(len(rows)), model)
+    kept = np.flatnonzero(representatives == order)[:most]
     log_prior = rows.log_prior.copy()
-    left = np.arange(len(rows))
-    kept: list[int] = []
-    while len(left) and len(kept) < most:
-        likeliest = left[0]
-        is_same = poses_agree(poses[likeliest], poses[left])
-        log_prior[likeliest] = np.logaddexp.reduce(rows.log_prior[left[is_same]])
-        kept.append(int(likeliest))
-        left = left[~is_same]
+    for row in kept.tolist():
+        log_prior[row] = np.logaddexp.reduce(rows.log_prior[representatives == row])
     return replace(rows, log_prior=log_prior).take(kept)
 
 
-def poses_agree(pose: Array, others: Array) -> Flags:
-    """Return True (...) where poses (..., 3) and others (..., 3) of centroids are the same for all that matters."""
-    off = pose - others
-    squared_distance = off[..., 0] * off[..., 0] + off[..., 1] * off[..., 1]
-    return (squared_distance < _SAME_POSITION**2) & (np.cos(off[..., 2]) > math.cos(_SAME_YAW))
+def _representatives(rows: Hypotheses, order: Integers, kind: Array, model: ContactModel) -> Integers:
+    """Return the first row in an order (B,) that is the same as each of its rows for all that matters, (B,).
+
+    Rows of different kinds (B,) are never the same, and one whose kind is NaN is like no other.
+    """
+    first = np.empty(len(rows), np.int64)
+    _put_representatives(rows.belief.pose, model.friction_center, kind, order, first)
+    return first
+
+
+@compiled(np.zeros((1, 3)), 0j, np.zeros(1), np.zeros(1, np.int64), np.zeros(1, np.int64))
+def _put_representatives(poses: Array, center: complex, kind: Array, order: Integers, first: Integers) -> None:
+    """Write the first row that is the same as each, both in an order."""
+    for i in range(len(order)):
+        row = order[i]
+        first[i] = row
+        centroid = position(poses[row]) + rotation(poses[row, 2]) * center
+        for k in range(i):
+            other = order[k]
+            if first[k] == other and kind[row] == kind[other]:
+                off = centroid - position(poses[other]) - rotation(poses[other, 2]) * center
+                is_near = off.real**2 + off.imag**2 < _SAME_POSITION**2
+                if is_near and math.cos(poses[row, 2] - poses[other, 2]) > _SAME_COSINE:
+                    first[i] = other
+                    break
