@@ -1,7 +1,8 @@
 """Smoother over the last steps of a contact: Gauss-Newton on a sliding window, older steps are marginalised.
 
-All B hypotheses of a contact are rows of one window: every array has a leading axis B. To branch, prune and reorder
-hypotheses is to take rows. The terms are shared by all rows; the rows differ in their values and their past.
+All B hypotheses of a contact are rows of one window: every array has an axis B, which is the first but for that of
+the steps (N, B), so that a step joins and leaves without a copy. To branch, prune and reorder hypotheses is to take
+rows. The terms are shared by all rows; the rows differ in their values and their past.
 
 Every step relinearises the whole window, so that its cost does not grow with the length of the contact. A step that
 leaves the window leaves a Gaussian on the next step and the shared variables (Schur complement), linearised where that
