@@ -136,7 +136,7 @@ class ContactModel:
         _touching(np.ascontiguousarray(g), self.surface, out)
         return out
 
-    @property
+    @cached_property
     def at_rest(self) -> "ContactModel":
         """The contact model without heights of the outline, which a known one does not have."""
         return self
