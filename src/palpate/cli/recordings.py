@@ -194,36 +194,52 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
 def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     """Return the topics of a bag, what tracking would read, and the command for it or the reason why there is none."""
     from palpate.io.rosbag_reader import contents
-    from palpate.io.rosbag_recording import recording_of
+    from palpate.io.rosbag_recording import likely_choices, other_poses, recording_of
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor_file import known_sensor
 
     with kept_warnings() as warnings:
         bag = contents(path)
-    choices = palpate.BagChoices(orientation=orientation)
+    choices = likely_choices(bag, palpate.BagChoices(orientation=orientation))
     about: dict[str, Any] = {"topics": [channel._asdict() | stream.about() for channel, stream in bag.topics.items()]}
     about["frames"] = {child: " or ".join(stream.frames) for child, stream in bag.transforms.items()}
+    command = _track_command(bag, sensor, choices)
     profile = known_sensor(sensor)
     try:
         with kept_warnings() as more:
             recording = recording_of(bag, palpate.Disc(0.05), choices, profile).recording.warned(warnings)
         recording = recording.warned(more)
     except FileError as error:
-        return about | {"advice": f"{error}{_hand_advice(bag)}"}
+        begin = f"{command} needs more: " if choices.images or choices.sensor_poses else ""
+        return about | {"advice": f"{begin}{error}{'' if choices.images else _hand_advice(bag)}"}
     findings = check_recording(recording)["findings"]
     damaged = sum(finding["kind"] == "image" for finding in findings)
-    name = shlex.quote(str(bag.path))
-    options = ""
-    if sensor != DEFAULT_SENSOR:
-        options += f" --sensor {sensor}"
-    if orientation:
-        options += f" --orientation {orientation}"
+    others = other_poses(bag, choices.sensor_poses)
     return about | {
         "source": recording.source,
         "damaged_images": damaged,
         "findings": findings,
-        "advice": f"{own_command()} track {name}{options} --shape NAME|FILE --first-pose X Y THETA",
+        "advice": f"{command} --shape NAME|FILE --first-pose X Y THETA",
+        "other_poses": f"{', '.join(others)}; --object-poses names ground truth" if others else None,
     }
+
+
+def _track_command(bag: Any, sensor: str, choices: "palpate.BagChoices") -> str:
+    """Return the command that tracks a bag, with the options that are not the defaults."""
+    from palpate.io.ros_messages import IMAGE_TYPES
+    from palpate.io.rosbag_recording import other_poses
+
+    others = other_poses(bag, choices.sensor_poses)
+    words = [own_command(), "track", shlex.quote(str(bag.path))]
+    if choices.images and len(bag.of(IMAGE_TYPES)) > 1:
+        words += ["--images", shlex.quote(choices.images)]
+    if choices.sensor_poses and others:
+        words += ["--sensor-poses", shlex.quote(choices.sensor_poses)]
+    if sensor != DEFAULT_SENSOR:
+        words += ["--sensor", shlex.quote(sensor)]
+    if choices.orientation:
+        words += ["--orientation", choices.orientation]
+    return " ".join(words)
 
 
 def _hand_advice(bag: Any) -> str:

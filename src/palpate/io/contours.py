@@ -134,8 +134,8 @@ def outline_in(path: Path, drawing: Drawing, layer: str | None = None) -> Contou
     if drawing.bodies and layer is None:
         words = _unread_words(drawing.bodies)
         raise ShapeError(
-            f"holds beside the outline of {outline} what may be the object: {words}, or name the layer of the outline by "
-            "shape_layer (--shape-layer)"
+            f"holds beside the outline of {outline} what may be the object: {words}, or name the layer of the outline "
+            "by shape_layer (--shape-layer)"
         )
     _check_frame(outline, holes, heads, drawing.notes, layer)
     _check_flat(outline)

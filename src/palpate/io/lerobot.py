@@ -24,7 +24,7 @@ from palpate.io.pose_tables import poses_of_numbers
 from palpate.io.recording import Recording
 from palpate.types.choices import BagChoices, TableChoices
 from palpate.types.images import UprightImage, camera_view, encode_image, fitted, turned_image
-from palpate.types.sensor import SensorProfile, sensor_from_dict
+from palpate.types.sensor import SensorProfile, is_named_touch, sensor_from_dict
 
 STATE = "observation.state"
 TRUTH = "observation.environment_state"
@@ -156,7 +156,7 @@ def _image_key(features: Mapping[str, Any], chosen: str | None) -> str | None:
     keys = _image_keys(features)
     if chosen is not None:
         return chosen if chosen in keys else None
-    touch = [key for key in keys if any(word in key.lower() for word in ("tactile", "touch", "digit", "gelsight"))]
+    touch = [key for key in keys if is_named_touch(key)]
     return next((some[0] for some in (touch, keys) if len(some) == 1), None)
 
 
