@@ -3,8 +3,8 @@
     python scripts/measure_turned_frames.py RECORDINGS [DEGREES ...]
 
 A folder of simulated recordings. Each is tracked as it is and with the sensor's frame turned about z. The reasons of
-all frames count: *right* names the turn to 10 degrees, *wrong* names another one or advises on images that are
-upright, *silent* does neither.
+all frames count: *right* names the turn to 10 degrees, *asked* says that the frame is turned and not by how much,
+*wrong* names another turn or advises on images, which are upright, *silent* does neither.
 """
 
 import re
@@ -30,11 +30,11 @@ def main(folder: Path, turns: tuple[int, ...] = TURNS) -> None:
     """Track all recordings at all turns and write the counts."""
     files = [*find_recordings(folder).values()]
     cases = [(file, degrees) for degrees in turns for file in files]
-    counts = {degrees: Counter(right=0, wrong=0, silent=0) for degrees in turns}
+    counts = {degrees: Counter(right=0, asked=0, wrong=0, silent=0) for degrees in turns}
     for (file, degrees), words in zip(cases, for_each(reasons, cases), strict=True):
         kind = kind_of(words, degrees)
         counts[degrees][kind] += 1
-        print(f"{degrees:4} {kind:6} {file.stem}: {' | '.join(sorted(words))}", flush=True)
+        print(f"{degrees:4} {kind:6} {file.stem}: {min(words, default='')[:150]}", flush=True)
     write("turned_frames", {str(degrees): dict(count) for degrees, count in counts.items()})
 
 
@@ -51,11 +51,13 @@ def reasons(case: tuple[Path, int]) -> set[str]:
 
 
 def kind_of(words: set[str], degrees: int) -> str:
-    """Return whether advice on a frame that is turned [deg] is right, wrong or silent."""
+    """Return whether advice on a frame that is turned [deg] is right, asked, wrong or silent."""
     if not words:
         return "silent"
     named = [float(number) for text in words for pair in NAMED.findall(text) for number in pair if number]
     is_right = degrees != 0 and any(abs(remainder(number - degrees, 360.0)) <= 10.0 for number in named)
+    if degrees and not named and not any("confirm by --orientation" in text for text in words):
+        return "asked"
     return "right" if is_right else "wrong"
 
 
