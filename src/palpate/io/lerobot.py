@@ -19,7 +19,7 @@ from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError, one_line
 from palpate.files import in_file, read_json
 from palpate.geometry.shapes import Shape, shape_from_dict
-from palpate.hints import library
+from palpate.hints import library, own_command
 from palpate.io.pose_tables import poses_of_numbers
 from palpate.io.recording import Recording
 from palpate.types.choices import BagChoices, TableChoices
@@ -67,7 +67,7 @@ def about_dataset(folder: Path) -> dict[str, Any]:
         options += " --sensor-poses FEATURE"
     if not (folder / ABOUT).exists():
         options += " --shape NAME|AxB|FILE"
-    return about | {"advice": f"palpate convert {folder} OUT.mcap --episode 0{options}", "features": rows}
+    return about | {"advice": f"{own_command()} convert {folder} OUT.mcap --episode 0{options}", "features": rows}
 
 
 def read_lerobot(
