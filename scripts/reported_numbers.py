@@ -403,6 +403,19 @@ TABLES: dict[str, Table] = {
         },
         of_json("docs/study/rim.json", {"contact seen": "from images", "contact told": "given in each frame"}),
     ),
+    "turned_frames": Table(
+        {
+            "turn": "{name}",
+            "named rightly": "{right}",
+            "asked about": "{asked}",
+            "wrong advice": "{wrong}",
+            "silent": "{silent}",
+        },
+        of_json(
+            "docs/study/turned_frames.json",
+            {"0": "none", "20": "20 degrees", "45": "45 degrees", "180": "half a turn"},
+        ),
+    ),
     "marks": Table(
         {
             "gel": "{name}",

@@ -131,6 +131,23 @@ def test_info_proposes_no_track_that_is_refused(json_of):
         assert f" track turned.bag {' '.join(words)} --shape" in found
 
 
+def test_info_chooses_the_topics_that_are_named_as_touch(json_of, succeeds):
+    scene = [
+        replace(message, topic="/camera/color") for message in push_messages() if message.topic.startswith("/digit")
+    ]
+    times = pose_times()
+    others = [pose_message(time, pose, "/mocap") for time, pose in zip(times, true_pose(times), strict=True)]
+    touch = [replace(message, topic="/digit_pose") for message in push_messages() if message.topic == "/ee_pose"]
+    images = [message for message in push_messages() if message.topic.startswith("/digit")]
+    write_bag(Path("robot"), "ros2", sorted([*scene, *others, *touch, *images], key=lambda message: message.log_time))
+    found = json_of("info", "robot")
+    assert " track robot --images /digit/image/compressed --sensor-poses /digit_pose --shape" in found["advice"]
+    assert "/mocap" in found["other_poses"] and "--object-poses" in found["other_poses"]
+    words = found["advice"].partition("track ")[2].replace("NAME|FILE", "disc").partition(" --first")[0].split()
+    succeeds("convert", *words, "--object-poses", "/mocap", "robot.mcap")  # OUT may stand at the end
+    assert json_of("info", "robot.mcap")["truth_share"] == 1.0
+
+
 def test_convert_joins_images_in_a_folder_and_poses_in_a_bag(succeeds):
     Path("film").mkdir()
     for index, image in enumerate(touch_images()):

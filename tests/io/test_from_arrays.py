@@ -172,6 +172,29 @@ def test_one_wrong_time_costs_itself(value, caplog):
     assert "image_time: 1 of 20 times" in caplog.text
 
 
+def test_a_clock_that_is_set_forward_costs_itself(caplog):
+    time = POSE_TIME[:34]  # as long as the images
+    true = true_pose(time)
+    set_forward = time + 3.7 * (np.arange(34) >= 15)
+    found = made(pose_time=set_forward, poses=true, object_poses=true)
+    same(found.sensor_pose, true_pose(IMAGE_TIME))
+    same(found.object_pose, true_pose(IMAGE_TIME))
+    assert "pose_time: nothing for 3.700 s from 0.280 s on" in found.warnings[0]
+    found = made(image_time=IMAGE_TIME + 0.4 * (np.arange(20) >= 8), pose_time=time, poses=true)
+    assert found.time == pytest.approx(IMAGE_TIME, abs=1e-7)
+    assert "image_time: nothing for 0.400 s" in found.warnings[0]
+
+    caplog.clear()  # a pause of one of them is no clock
+    kept = np.r_[0:8, 14:20]
+    images = [encoded(image) for image in tiny_images(20)]
+    found = made(image_time=IMAGE_TIME[kept], images=[images[k] for k in kept], pose_time=time, poses=true)
+    assert found.time == pytest.approx(IMAGE_TIME[kept], abs=1e-9)
+    late = np.r_[time[:15], time[15:] + 0.4]  # of poses that are later than the images, too
+    found = made(pose_time=late, poses=true_pose(late), image_time=np.r_[IMAGE_TIME[:-1], late[-1]])
+    same(found.sensor_pose[-1:], true_pose(late[-1:]))
+    assert not caplog.text
+
+
 def test_noise_is_no_second_sender():
     noise = np.random.default_rng(0).normal(scale=(0.004, 0.004, 0.05), size=(50, 3))
     assert len(made(object_poses=true_pose(POSE_TIME) + noise)) == 20

@@ -209,6 +209,8 @@ def test_hidden_parts_and_blanks_in_an_svg(caplog):
     for page in ('width="100 mm" height="5.0 cm"', 'width="100mm"', 'height="50mm"'):
         assert extent_of(load_shape(svg(hidden + part, f'{page} viewBox="0 0 100 50"'))) == pytest.approx(0.06)
     assert "mask" in caplog.text
+    cut = 'width="200mm" height="50mm" viewBox="0 0 100 50" preserveAspectRatio="xMidYMid slice"'
+    assert extent_of(load_shape(svg('<rect width="60" height="30"/>', cut))) == pytest.approx(0.12)
     assert extent_of(load_shape("70x9", unit="cm")) == pytest.approx(0.7)
     assert "70x9: the outline is 0.7 m wide, much for an object that a fingertip pushes" in caplog.text
 
@@ -273,6 +275,50 @@ def test_exploded_dimensions_are_no_sides():
     dimension.dimension.explode()
     made.saveas("a.dxf")
     assert load_shape("a.dxf").area == pytest.approx(3800e-6)
+
+
+def test_arrow_heads_of_all_kinds_are_no_outlines(caplog):
+    made = new(units=4, setup=True)
+    space = made.modelspace()
+    space.add_lwpolyline(SLOT, close=True)
+    for number, head in enumerate(["", "DOT", "DOTBLANK", "BOXBLANK", "DATUMBLANK"]):
+        space.add_arrow(head, insert=(90, 10 * number + 2), size=3, rotation=180)  # at the part's side
+        space.add_line((93, 10 * number + 2), (120, 10 * number + 2))
+        base = (0, -10 - 8 * number)
+        dimension = space.add_linear_dim(base=base, p1=(0, 0), p2=(90, 0), override={"dimblk": head, "dimasz": 3})
+        dimension.render()
+        dimension.dimension.explode()
+    for block in space.query("INSERT"):
+        block.explode()  # pyright: ignore[reportAttributeAccessIssue]
+    made.saveas("a.dxf")
+    assert load_shape("a.dxf").area == pytest.approx(3800e-6)
+    assert "taken as arrow heads" in caplog.text
+
+    def pointed_at(space):  # a small part in the frame of a sheet
+        space.add_lwpolyline(sheet(0, 0, 297), close=True)
+        space.add_lwpolyline([(50, 50), (70, 50), (60, 68)], close=True)
+        space.add_line((60, 68), (90, 120))
+
+    with pytest.raises(FileError, match="may be a frame around 20 x 18 mm"):
+        load_shape(drawing(4, pointed_at))
+
+
+def test_a_body_beside_lines_is_asked_about():
+    def solid(space):
+        space.add_3dface([(0, 0, 0), (90, 0, 0), (90, 60, 0), (0, 60, 0)], dxfattribs={"layer": "PART"})
+
+    with pytest.raises(FileError, match=r"no closed outline: .*3DFACE cannot be read: explode it to lines"):
+        load_shape(drawing(4, solid))
+    with pytest.raises(FileError, match=r"no line on layer 'PART'.*3DFACE cannot be read"):
+        load_shape("a.dxf", layer="PART")
+
+    def in_a_frame(space):
+        solid(space)
+        space.add_lwpolyline(sheet(-100, -80), close=True)
+
+    with pytest.raises(FileError, match=r"beside the outline of 290 x 210 mm.* 3DFACE cannot be read"):
+        load_shape(drawing(4, in_a_frame))
+    assert load_shape("a.dxf", layer="0").area == pytest.approx(0.29 * 0.21)
 
 
 def test_a_frame_round_a_part_is_asked_about():
@@ -438,6 +484,9 @@ def test_what_is_no_outline_is_said():
             load_shape(svg(content, page))
     with pytest.raises(FileError, match="stretched to its page"):
         load_shape(svg('<rect width="9" height="6"/>', f'{page} viewBox="0 0 9 6" preserveAspectRatio="none"'))
+    symbol = '<symbol id="s" viewBox="0 0 200 200"><rect width="90" height="60"/></symbol><use href="#s" width="50"/>'
+    with pytest.raises(FileError, match="a symbol has a viewBox"):
+        load_shape(svg(symbol, page))
     with pytest.raises(FileError, match="lines enclose no area"):
         load_shape(drawing(4, lambda space: space.add_circle((0, 0), 1e-4)))
     Path("bad.dxf").write_text("no drawing")

@@ -17,6 +17,7 @@ from palpate import __version__
 from palpate.cli.commands import Command, find_command, help_text, installed_commands
 from palpate.cli.console import Report, complain, progress_log
 from palpate.cli.quantities import REGISTRY
+from palpate.cli.recordings import convert
 from palpate.cli.track import ros2
 from palpate.errors import PalpateError, printable
 
@@ -124,7 +125,17 @@ def _run(command: Command, words: Sequence[str]) -> Report | int:
         return ros2(*words[1:])
     description = f"{inspect.cleandoc(command.__doc__ or '').partition('Args:')[0]}{FOR_ALL}"
     prog = f"palpate {words[0]}"
-    return tyro.cli(command, prog=prog, description=description, args=words[1:], config=_CONFIG, registry=REGISTRY)
+    args = _files_together(words[1:]) if command is convert else words[1:]
+    return tyro.cli(command, prog=prog, description=description, args=args, config=_CONFIG, registry=REGISTRY)
+
+
+def _files_together(words: Sequence[str]) -> Sequence[str]:
+    """Return words of `palpate convert IN --options OUT.mcap` with OUT beside IN, as tyro takes them."""
+    first, *options = words or [""]
+    is_apart = len(options) > 2 and options[-1].endswith(".mcap") and not options[-2].startswith("-")
+    if first.startswith("-") or not is_apart or not options[0].startswith("-"):
+        return words
+    return [first, options[-1], *options[:-1]]
 
 
 def _way_to_go_on(command: Command | None) -> str:

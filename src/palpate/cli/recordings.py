@@ -19,6 +19,9 @@ from palpate.files import in_file, new_file, numbers_of, read_json
 from palpate.hints import own_command
 from palpate.types.choices import DEFAULT_SENSOR, TableChoices, TrackerChoices
 
+NEEDED = "--shape NAME|FILE --first-pose X Y THETA"
+"""Options of `palpate track` that no bag holds."""
+
 
 def info(
     file: Annotated[Path, arg("FILE")], /, *, sensor: Sensor = DEFAULT_SENSOR, orientation: Orientation = ""
@@ -194,36 +197,52 @@ def about_calibration(calibration: "palpate.Calibration") -> dict[str, Any]:
 def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
     """Return the topics of a bag, what tracking would read, and the command for it or the reason why there is none."""
     from palpate.io.rosbag_reader import contents
-    from palpate.io.rosbag_recording import recording_of
+    from palpate.io.rosbag_recording import likely_choices, other_poses, recording_of
     from palpate.pipeline.check_recording import check_recording
     from palpate.types.sensor_file import known_sensor
 
     with kept_warnings() as warnings:
         bag = contents(path)
-    choices = palpate.BagChoices(orientation=orientation)
+    choices = likely_choices(bag, palpate.BagChoices(orientation=orientation))
     about: dict[str, Any] = {"topics": [channel._asdict() | stream.about() for channel, stream in bag.topics.items()]}
     about["frames"] = {child: " or ".join(stream.frames) for child, stream in bag.transforms.items()}
+    options = _options_of(bag, sensor, choices)
     profile = known_sensor(sensor)
     try:
         with kept_warnings() as more:
             recording = recording_of(bag, palpate.Disc(0.05), choices, profile).recording.warned(warnings)
         recording = recording.warned(more)
     except FileError as error:
-        return about | {"advice": f"{error}{_hand_advice(bag)}"}
+        begin = f"with {' '.join(options)}: " if options else ""
+        return about | {"advice": f"{begin}{error}{'' if choices.images else _hand_advice(bag)}"}
     findings = check_recording(recording)["findings"]
     damaged = sum(finding["kind"] == "image" for finding in findings)
-    name = shlex.quote(str(bag.path))
-    options = ""
-    if sensor != DEFAULT_SENSOR:
-        options += f" --sensor {sensor}"
-    if orientation:
-        options += f" --orientation {orientation}"
+    others = other_poses(bag, choices.sensor_poses)
     return about | {
         "source": recording.source,
         "damaged_images": damaged,
         "findings": findings,
-        "advice": f"{own_command()} track {name}{options} --shape NAME|FILE --first-pose X Y THETA",
+        "advice": " ".join([own_command(), "track", shlex.quote(str(bag.path)), *options, NEEDED]),
+        "other_poses": f"{', '.join(others)}; --object-poses names ground truth" if others else None,
     }
+
+
+def _options_of(bag: Any, sensor: str, choices: "palpate.BagChoices") -> list[str]:
+    """Return the options by which a bag is read, but for those that are the defaults."""
+    from palpate.io.ros_messages import IMAGE_TYPES
+    from palpate.io.rosbag_recording import other_poses
+
+    others = other_poses(bag, choices.sensor_poses)
+    words: list[str] = []
+    if choices.images and len(bag.of(IMAGE_TYPES)) > 1:
+        words += ["--images", shlex.quote(choices.images)]
+    if choices.sensor_poses and others:
+        words += ["--sensor-poses", shlex.quote(choices.sensor_poses)]
+    if sensor != DEFAULT_SENSOR:
+        words += ["--sensor", shlex.quote(sensor)]
+    if choices.orientation:
+        words += ["--orientation", choices.orientation]
+    return words
 
 
 def _hand_advice(bag: Any) -> str:
@@ -236,7 +255,7 @@ def _hand_advice(bag: Any) -> str:
     pairs = ",".join(f"{name}={topic}" for name, topic in zip(finger_names(topics), topics, strict=True))
     mounts = " ".join(f"{name}=X,Y,YAW" for name in finger_names(topics))
     command = f"{own_command()} track {shlex.quote(str(bag.path))} --images {pairs} --mounts {mounts}"
-    return f"; or, if they are of the fingers of a hand: {command} --shape NAME|FILE --first-pose X Y THETA"
+    return f"; or, if they are of the fingers of a hand: {command} {NEEDED}"
 
 
 def finger_names(topics: Sequence[str]) -> list[str]:

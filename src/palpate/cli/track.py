@@ -109,7 +109,7 @@ def track(
     if files_of_run.view:
         _open_pages([outcome.folder / PAGE for outcome in done])
     if len(files) == 1 and done[0].summary is not None:
-        return run_report(done[0].folder, done[0].summary, files[0].name)
+        return run_report(done[0].folder, done[0].summary, files[0].name, files_of_run.video)
     return _runs_report(done)
 
 
@@ -128,13 +128,16 @@ def _open_pages(pages: Sequence[Path]) -> None:
             webbrowser.open(page.resolve().as_uri())
 
 
-def run_report(folder: Path, summary: dict[str, Any], name: str) -> Report:
+def run_report(folder: Path, summary: dict[str, Any], name: str, video: Path | None = None) -> Report:
     """Return the result of one run, with its final pose in words for people."""
     from palpate.pipeline.metrics import pose_words
     from palpate.pipeline.report import run_lines
 
     shown = summary | {"final_pose": pose_words(summary["final_pose"], summary["final_sigma"])}
-    return Report("run", summary, shown, run_lines(name, summary, folder))
+    lines = run_lines(name, summary, folder)
+    if video is not None:
+        lines[-1] += f"; {video}"
+    return Report("run", summary, shown, lines)
 
 
 def _runs_report(outcomes: Sequence[Outcome]) -> Report:

@@ -326,7 +326,9 @@ def wrong_width(shape: Shape, unit: str | None = None) -> str:
 def check_outline(shape: object) -> None:
     """Raise SettingError unless a value is an outline, ShapeError if it is too large or small to be pushed."""
     if not isinstance(shape, Shape):
-        raise SettingError(f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a file")
+        raise SettingError(
+            f"shape is {shape!r}; it must be an outline, which palpate.load_shape reads from a name or a file"
+        )
     wrong = wrong_width(shape)
     if wrong:
         raise ShapeError(wrong)

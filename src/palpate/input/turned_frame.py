@@ -67,6 +67,8 @@ class FrameTurnMonitor:
         squares, axes = np.linalg.eigh(covariance)
         self._objects = se2.compose(pose, draws * np.sqrt(np.maximum(squares, 0.0)) @ axes.T)
         self._touches: list[_Touch] = []
+        self._unread_way = 0.0  # [m] in contact, before a direction was read
+        self._contact_pose: Array | None = None  # of the sensor in the frame before, if it touched
         self.is_open = shape is not None and len(sensor.tips) == 1 and not sensor.flat_width
         """True until all touches that tell have been seen."""
         self.found: FrameTurn | None = None
@@ -77,16 +79,22 @@ class FrameTurnMonitor:
         if not self.is_open:
             return
         directions = [one for one in measured if isinstance(one, ContactDirection)]
-        has_left = bool(self._touches) and (not frame.contact or self._way(frame) > _LIMITS.farthest)
+        has_left = self._has_left(frame)
         if directions and not has_left:
             self._touches.append(_Touch(frame.sensor_pose, directions[0].angle, directions[0].variance))
         self.is_open = not has_left and len(self._touches) < _LIMITS.most
         if len(self._touches) == _LIMITS.fewest or (len(self._touches) > _LIMITS.fewest and not self.is_open):
             self.found = self._turn()
 
-    def _way(self, frame: Frame) -> float:
-        """Return the way that the sensor has gone since the first touch [m]."""
-        return float(np.linalg.norm(frame.sensor_pose[:2] - self._touches[0].sensor_pose[:2]))
+    def _has_left(self, frame: Frame) -> bool:
+        """Return true if the object may be elsewhere by now: the first contact ended, or the sensor went far in one."""
+        if self._touches:
+            way = np.linalg.norm(frame.sensor_pose[:2] - self._touches[0].sensor_pose[:2])
+            return not frame.contact or bool(way > _LIMITS.farthest)
+        if frame.contact and self._contact_pose is not None:
+            self._unread_way += float(np.linalg.norm(frame.sensor_pose[:2] - self._contact_pose[:2]))
+        self._contact_pose = frame.sensor_pose if frame.contact else None
+        return self._unread_way > _LIMITS.farthest
 
     def _turn(self) -> FrameTurn | None:
         """Return the turn that the touches so far show, if there is one."""

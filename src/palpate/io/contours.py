@@ -36,8 +36,8 @@ class _Limits:
     small: float = 0.02
     """Share of the area of a frame below which a round outline in it is a hole in an object rather than the object."""
 
-    arrow: float = 0.01
-    """Share of the area of the largest outline below which a triangle may be an arrow head."""
+    arrow: float = 0.08
+    """Extent of the largest outline, as a share, below which a closed line may be an arrow head."""
 
 
 _LIMITS = _Limits()
@@ -69,7 +69,9 @@ class Drawing:
     notes: list[tuple[float, float]] = field(default_factory=list)
     """Places of texts and dimensions [m]."""
     unread: Counter[str] = field(default_factory=Counter)
-    """Numbers of other things by their kind, such as solids."""
+    """Numbers of other things by their kind, such as hatches."""
+    bodies: Counter[str] = field(default_factory=Counter)
+    """Numbers of those among them that may be the object, such as regions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +124,25 @@ def outline_in(path: Path, drawing: Drawing, layer: str | None = None) -> Contou
         contours = _contours(lines)  # what is asked for may be dashed
     if not contours:
         raise ShapeError(f"holds no closed outline: {_why_none(lines, drawing)}")
-    contours = _joined_areas(_without_arrow_heads(contours, lines))
+    heads = _arrow_heads(contours, lines)
+    contours = _joined_areas([contour for contour in contours if contour not in heads])
     outer = [contour for contour in contours if not _around(contour, contours)]
     if len(outer) > 1:
         raise ShapeError(f"holds {len(outer)} outlines side by side, {_listed(outer)}; {_choice(layer)}")
     (outline,) = outer
     holes = [contour for contour in contours if contour is not outline]
-    _check_frame(outline, holes, drawing.notes, layer)
+    if drawing.bodies and layer is None:
+        words = _unread_words(drawing.bodies)
+        raise ShapeError(
+            f"holds beside the outline of {outline} what may be the object: {words}, or name the layer of the outline "
+            "by shape_layer (--shape-layer)"
+        )
+    _check_frame(outline, holes, heads, drawing.notes, layer)
     _check_flat(outline)
+    outer_heads = [head for head in heads if not outline.area.covers(head.area)]
+    if outer_heads:
+        words = "%s: %d small outlines at the ends of lines are taken as arrow heads: %s"
+        logger.warning(words, path, len(outer_heads), _listed(outer_heads))
     if outline.parts > 1:
         logger.warning(
             "%s: lines divide the outline into %d areas, and it is taken round all of them: if some are no part of the "
@@ -150,7 +163,8 @@ def _lines_of(drawing: Drawing, layer: str | None) -> list[Line]:
         lines = [line for line in lines if layer.casefold() in map(str.casefold, (line.layer, *line.names))]
         if not lines:
             layers = sorted({line.layer for line in drawing.lines if line.layer})
-            raise ShapeError(f"shows no line on layer {layer!r}; it shows lines on {', '.join(layers) or 'no layer'}")
+            words = f"shows no line on layer {layer!r}; it shows lines on {', '.join(layers) or 'no layer'}"
+            raise ShapeError("; ".join([words, *([_unread_words(drawing.unread)] if drawing.unread else [])]))
     if not all(are_in_range(line.points).all() for line in lines):
         raise ShapeError(f"has a line to a place farther than {FARTHEST:g} m")
     return lines
@@ -166,8 +180,13 @@ def _why_none(lines: Sequence[Line], drawing: Drawing) -> str:
     if others:
         words += f"; left out are lines that are {' or '.join(others)}"
     if drawing.unread and not edges:
-        words += f"; {', '.join(drawing.unread)} are not read: explode them to lines"
+        words += f"; {_unread_words(drawing.unread)}"
     return words
+
+
+def _unread_words(unread: Counter[str]) -> str:
+    """Return words on things of a drawing that are not read, by their kind."""
+    return f"{' and '.join(unread)} cannot be read: explode it to lines in the program that drew it"
 
 
 def _is_upright(line: Line) -> bool:
@@ -276,18 +295,25 @@ def _are_first(lines: Sequence[Line], nodes: NDArray[np.intp]) -> Flags:
     return first
 
 
-def _without_arrow_heads(contours: Sequence[Contour], lines: Sequence[Line]) -> list[Contour]:
-    """Return contours without small triangles that a line of another contour or of none runs to: arrow heads."""
+def _arrow_heads(contours: Sequence[Contour], lines: Sequence[Line]) -> list[Contour]:
+    """Return small contours at which a line of another contour or of none ends: arrow heads, also dots and boxes."""
     import shapely
 
-    least = _LIMITS.arrow * max(contour.area.area for contour in contours)
-    kept = []
+    largest = _LIMITS.arrow * max(_extent(contour) for contour in contours)
+    heads = []
     for contour in contours:
-        is_small = len(contour.corners) == 4 and contour.area.area < least  # the first corner comes again
-        others = [shapely.LineString(line.points) for line in lines if is_small and line not in contour.lines]
-        if not any(other.distance(contour.area) <= _LIMITS.meeting for other in others):
-            kept.append(contour)
-    return kept
+        if _extent(contour) > largest:
+            continue
+        ends = [line.points[[0, -1]] for line in lines if line not in contour.lines]
+        is_near = [shapely.MultiPoint(points).distance(contour.area) <= _LIMITS.meeting for points in ends]
+        if any(is_near):
+            heads.append(contour)
+    return heads
+
+
+def _extent(contour: Contour) -> float:
+    """Return the longer side of the box around a contour [m]."""
+    return float(np.ptp(contour.corners, axis=0).max())
 
 
 def _joined_areas(contours: list[Contour]) -> list[Contour]:
@@ -335,7 +361,11 @@ def _around(contour: Contour, contours: Sequence[Contour]) -> list[Contour]:
 
 
 def _check_frame(
-    outline: Contour, holes: Sequence[Contour], notes: Sequence[tuple[float, float]], layer: str | None
+    outline: Contour,
+    holes: Sequence[Contour],
+    heads: Sequence[Contour],
+    notes: Sequence[tuple[float, float]],
+    layer: str | None,
 ) -> None:
     """Raise ShapeError if an outline may be the frame of a sheet, and the object one of the outlines in it."""
     with_holes = [hole for hole in holes if len(_around(hole, holes)) == 0 and _holds_any(hole, holes)]
@@ -345,13 +375,15 @@ def _check_frame(
         )
     if not _is_rectangle(outline.area):
         return
-    parts = [hole for hole in holes if not _is_round(hole.area) or hole.area.area > _LIMITS.small * outline.area.area]
-    if not parts:
-        return
     sides = np.sort(np.ptp(outline.corners, axis=0))
     is_sheet = (
         sides[1] >= _LIMITS.sheet_side and _LIMITS.sheet_ratio[0] <= sides[1] / sides[0] <= _LIMITS.sheet_ratio[1]
     )
+    parts = [hole for hole in holes if not _is_round(hole.area) or hole.area.area > _LIMITS.small * outline.area.area]
+    if not parts and is_sheet:
+        parts = [head for head in heads if outline.area.covers(head.area)]  # a small part, which a leader points at
+    if not parts:
+        return
     is_divided = outline.parts > 1 or any(
         hole.area.distance(outline.area.exterior) <= _LIMITS.meeting for hole in parts
     )

@@ -14,7 +14,7 @@ from palpate.arrays import Array, Flags, Image
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError
 from palpate.files import counting_order, existing_file, in_file
-from palpate.io.time_order import UNKNOWN, are_few, in_order
+from palpate.io.time_order import UNKNOWN, are_few, in_order, without_step
 from palpate.types import space
 from palpate.types.choices import Placement
 from palpate.types.images import (
@@ -178,7 +178,7 @@ def placed_from(name: str, poses: ArrayLike, time_name: str, time: ArrayLike, wa
     if len(given_time) != len(numbers):
         raise FileError(f"{name}: found {len(numbers)} poses for {len(given_time)} times, expected one for each")
     keep = in_order(time_name, given_time)
-    return space.placed_at(name, given_time[keep], numbers[keep], wanted)
+    return space.placed_at(name, without_step(time_name, given_time[keep], wanted), numbers[keep], wanted)
 
 
 def truth_from(object_poses: ArrayLike | None, object_time: ArrayLike, wanted: Times) -> Placed | None:

@@ -18,6 +18,7 @@ from palpate.arrays import Times
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import counting_order, existing_file, in_file
 from palpate.geometry.shapes import Shape
+from palpate.hints import own_command
 from palpate.io.pose_tables import NANOSECONDS, PoseTable, is_of_calendar, read_pose_table, read_times, time_unit
 from palpate.io.recording import Recording
 from palpate.types.choices import BagChoices, TableChoices, TimeUnit
@@ -248,7 +249,7 @@ def about_folder(folder: Path) -> dict[str, Any]:
     about["tables"] = [{"file": str(path), "content": kind} for path, kind in tables.items()]
     times = next((path for path, kind in tables.items() if kind.startswith("times of")), None)
     poses = [path for path, kind in tables.items() if kind.startswith("poses:")]
-    words = ["palpate convert --images", shlex.quote(str(folder))]
+    words = [f"{own_command()} convert --images", shlex.quote(str(folder))]
     if stamps is None:
         words.append(f"--image-times {shlex.quote(str(times))}" if times else "--rate HZ")
     words.append(f"--poses {shlex.quote(str(poses[0])) if len(poses) == 1 else 'TABLE'}")

@@ -19,12 +19,12 @@ from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError, one_line
 from palpate.files import in_file, read_json
 from palpate.geometry.shapes import Shape, shape_from_dict
-from palpate.hints import library
+from palpate.hints import library, own_command
 from palpate.io.pose_tables import poses_of_numbers
 from palpate.io.recording import Recording
 from palpate.types.choices import BagChoices, TableChoices
 from palpate.types.images import UprightImage, camera_view, encode_image, fitted, turned_image
-from palpate.types.sensor import SensorProfile, sensor_from_dict
+from palpate.types.sensor import SensorProfile, is_named_touch, sensor_from_dict
 
 STATE = "observation.state"
 TRUTH = "observation.environment_state"
@@ -67,7 +67,7 @@ def about_dataset(folder: Path) -> dict[str, Any]:
         options += " --sensor-poses FEATURE"
     if not (folder / ABOUT).exists():
         options += " --shape NAME|AxB|FILE"
-    return about | {"advice": f"palpate convert {folder} OUT.mcap --episode 0{options}", "features": rows}
+    return about | {"advice": f"{own_command()} convert {folder} OUT.mcap --episode 0{options}", "features": rows}
 
 
 def read_lerobot(
@@ -156,7 +156,7 @@ def _image_key(features: Mapping[str, Any], chosen: str | None) -> str | None:
     keys = _image_keys(features)
     if chosen is not None:
         return chosen if chosen in keys else None
-    touch = [key for key in keys if any(word in key.lower() for word in ("tactile", "touch", "digit", "gelsight"))]
+    touch = [key for key in keys if is_named_touch(key)]
     return next((some[0] for some in (touch, keys) if len(some) == 1), None)
 
 

@@ -16,6 +16,9 @@ EDGES = {"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"}
 """Kinds of entities that draw edges. Not among them are frames of images and of windows, and arrow heads."""
 NOTES = {"TEXT", "MTEXT", "DIMENSION", "LEADER", "MULTILEADER", "TOLERANCE", "ATTDEF", "ACAD_TABLE"}
 """Kinds of entities that explain a drawing."""
+BODIES = {"REGION", "3DSOLID", "BODY", "SURFACE", "EXTRUDEDSURFACE", "LOFTEDSURFACE", "PLANESURFACE", "REVOLVEDSURFACE"}
+BODIES |= {"SWEPTSURFACE", "MESH", "3DFACE"}
+"""Kinds of entities that may be the part itself, and that are no lines."""
 _DASHED = re.compile("center|phantom|hidden|dash|dot|divide|border", re.IGNORECASE)
 """Names of line types that a drawing uses and does not define."""
 
@@ -60,13 +63,16 @@ def _add(drawing: Drawing, document: Any, seen: _Seen, metres: float, tolerance:
                 x, y, *_ = entity.dxf.get(name)
                 drawing.notes.append((x * metres, y * metres))
         return
+    if kind in BODIES:
+        drawing.bodies[kind] += 1
     if kind not in EDGES:
         drawing.unread[kind] += 1
         return
     try:
         drawn = make_path(entity)
     except TypeError:  # a mesh
-        drawing.unread[kind] += 1
+        drawing.unread["mesh"] += 1
+        drawing.bodies["mesh"] += 1
         return
     control = np.array([tuple(corner) for corner in drawn.control_vertices()]).reshape(-1, 3) * metres
     if not are_in_range(control).all():
@@ -75,10 +81,16 @@ def _add(drawing: Drawing, document: Any, seen: _Seen, metres: float, tolerance:
     points: Array = np.array([tuple(vertex) for vertex in vertices]).reshape(-1, 3) * metres
     if drawn.is_closed:
         points = np.vstack([points, points[:1]])
-    if len(points) < 2 or not np.ptp(points, axis=0).any():
+    extent = np.ptp(points, axis=0)
+    if len(points) < 2 or not extent.any() or _width(entity) * metres > 0.5 * extent.max():  # the last is a filled dot
         return
     other = _other_than_edge(document, seen)
     drawing.lines.append(Line(points[:, :2], seen.layer, other=other, rise=float(np.ptp(points[:, 2]))))
+
+
+def _width(entity: Any) -> float:
+    """Return the width with which a polyline of a DXF is drawn; 0 of other entities."""
+    return entity.dxf.get("const_width", 0.0) if entity.dxftype() == "LWPOLYLINE" else 0.0
 
 
 def _unit(number: int, advice: str) -> float:

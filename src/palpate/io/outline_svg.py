@@ -35,12 +35,16 @@ def read_svg(path: Path, scale: float | None, unit_advice: str) -> Drawing:
 
     try:
         data = unpacked(path)
-        if re.search(rb"\bmask\s*[:=]|<symbol\b[^>]*\bviewBox", data):
-            logger.warning("%s: masks, and scales of symbols, are not applied", path)
+        if re.search(rb"<symbol\b[^>]*\bviewBox", data):
+            raise ShapeError("a symbol has a viewBox, which scales it and is not read: unlink its uses")
+        if re.search(rb"\bmask\s*[:=]", data):
+            logger.warning("%s: masks are not applied", path)
         page = svgelements.SVG.parse(io.BytesIO(_readable_svg(data)), ppi=METRES["in"] / _PIXEL)
         drawing = Drawing()
         _add_seen(drawing, page, page)
         size = abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0
+    except ShapeError:
+        raise
     except Exception as error:  # damaged bytes can raise anything in the library
         raise FileError(f"is no SVG that can be read ({one_line(error)})") from error
     metres = (_unit(page, unit_advice) if scale is None else scale) / size
@@ -177,7 +181,8 @@ def _unit(page: Any, advice: str) -> float:
                 sizes.append(_PIXEL)
     if not sizes:
         raise ShapeError(f"the drawing has no size, its width is {page.values.get('width', 'not given')!r}: {advice}")
-    return min(sizes)
+    is_cut = page.viewbox is not None and str(page.viewbox.preserve_aspect_ratio).endswith("slice")
+    return max(sizes) if is_cut else min(sizes)
 
 
 def _svg_lines(shape: Any) -> list[Array]:

@@ -18,7 +18,7 @@ from palpate.geometry.shapes import Shape, check_outline
 from palpate.io import fingers
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, placed_from, planar_fields, truth_from
 from palpate.io.hand_frames import hand_fields, of_fingers
-from palpate.io.time_order import in_order
+from palpate.io.time_order import in_order, without_step
 from palpate.types.choices import Normal, Placement
 from palpate.types.hand import Hand
 from palpate.types.images import Codec, camera_view, decode_image, turned_image
@@ -203,6 +203,7 @@ class Recording:
         given_images, flags = _images_and_contact(images, contact, len(time), sensor)
         with kept_warnings() as warnings:
             is_in_order = in_order("image_time", time, is_strict=True)
+            time[is_in_order] = without_step("image_time", time[is_in_order], nanoseconds("pose_time", pose_time))
             time = time + round(time_offset * 1e9)
             sensor_poses, truth = placed(time)
             sensor_poses = replace(sensor_poses, known=sensor_poses.known & is_in_order)

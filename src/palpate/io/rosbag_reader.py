@@ -117,7 +117,12 @@ def existing_bag(path: Path | str) -> Path:
             f"{path}: is a folder without .db3 or .mcap; were they moved? If it is one of images or a dataset of "
             "LeRobot, palpate info says how to convert it"
         )
-    listed = read_text(path / "metadata.yaml") if (path / "metadata.yaml").is_file() else ""
+    if not (path / "metadata.yaml").is_file():
+        raise FileError(
+            f"{path}: is a folder of {len(parts)} recordings or files of a bag, without metadata.yaml; give recordings "
+            f"themselves, as {parts[0]}, or run `ros2 bag reindex` on the folder if it is a bag of a killed recorder"
+        )
+    listed = read_text(path / "metadata.yaml")
     for part in parts:
         if existing_file(part).name not in listed:
             raise FileError(

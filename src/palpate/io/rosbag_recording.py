@@ -26,7 +26,7 @@ from palpate.io.time_order import stamped_in_order
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
 from palpate.types.hand import Hand, by_finger, check_names
 from palpate.types.images import UprightImage, camera_view, encode_image, fitted
-from palpate.types.sensor import SENSORS, SensorProfile
+from palpate.types.sensor import SENSORS, SensorProfile, is_named_touch
 from palpate.types.space import Placed, Plane, Times, onto_gel
 
 logger = logging.getLogger(__name__)
@@ -224,7 +224,29 @@ def _only(bag: Contents, kind: str, names: list[str], chosen: str | None, option
     problem = f"has {'more than one' if names else 'no'} {kind}"
     if chosen:
         problem = f"has no {kind} {chosen!r}"
-    raise FileError(f"{problem}; there are {candidates}{_frames(bag)}; name one by {option}")
+    frames = _frames(bag) if "PARENT:" in option else ""
+    raise FileError(f"{problem}; there are {candidates}{frames}; name one by {option}")
+
+
+def likely_choices(bag: Contents, choices: BagChoices) -> BagChoices:
+    """Return choices with what names tell of topics that are not chosen: images and poses of a touch sensor.
+
+    What no name or more than one tells stays open.
+    """
+    images = [*bag.of(IMAGE_TYPES)]
+    poses = [*bag.of(POSE_TYPES), *_whole_chains(bag)]
+    return replace(choices, images=_only_of_touch(images), sensor_poses=_only_of_touch(poses))
+
+
+def _only_of_touch(names: list[str]) -> str | None:
+    """Return the only name, or the only one of a touch sensor; None if there is none."""
+    touch = [name for name in names if is_named_touch(name)]
+    return next((some[0] for some in (names, touch) if len(some) == 1), None)
+
+
+def other_poses(bag: Contents, chosen: str | None) -> list[str]:
+    """Return the sources of poses of a bag but the chosen one."""
+    return [name for name in [*bag.of(POSE_TYPES), *_whole_chains(bag)] if name != chosen]
 
 
 def _topic_of_frames(bag: Contents, kind: str, names: list[str], choices: BagChoices) -> str:

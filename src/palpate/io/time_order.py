@@ -32,6 +32,8 @@ class _Limits:
     """[ns] Largest difference of a stamp from the others of its stream, each against its time of recording."""
     clock_step: float = 0.1
     """[s] Smallest step of a clock that is taken out; delays of messages vary by less."""
+    together: float = 0.1
+    """[s] Largest difference of the starts of two streams that were recorded together."""
     block: int = 10
     """Messages of which the one that was least late tells the clock."""
 
@@ -104,6 +106,35 @@ def _steps_back(time: Times) -> str:
         f"times go back {places} by {-steps[largest] * 1e-9:.3g} s, from {time[largest] * 1e-9:.3f} s to "
         f"{time[largest + 1] * 1e-9:.3f} s at number {largest + 1}: {ask}"
     )
+
+
+def without_step(name: str, time: Times, other: Times) -> Times:
+    """Return increasing times (N,) [ns] without a step forward of their clock, of which a warning tells.
+
+    Streams that are recorded together begin and end together. One that begins with another (M,) [ns], is silent for a
+    while and ends later by just that while had its clock set forward: its later times are taken as that much late.
+    """
+    known = other[other != UNKNOWN]
+    if len(time) < 4 or len(known) < 4:
+        return time
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    first = int(np.argmax(steps)) + 1
+    step = float(steps[first - 1]) - usual
+    later = float(time[-1] - known.max())
+    tolerance = 2.0 * max(usual, float(np.median(np.abs(np.diff(known)))))
+    begin_together = abs(float(time[0] - known.min())) <= 1e9 * _LIMITS.together
+    is_silence = step > max(1e9 * _LIMITS.clock_step, 5.0 * usual) and np.sort(steps)[-2] < 0.5 * step
+    if not (begin_together and is_silence and abs(later - step) <= tolerance + 0.1 * step):
+        return time
+    logger.warning(
+        "%s: nothing for %.3f s from %.3f s on, and the end is as much later than that of the other times: the clock "
+        "was set forward, and later times are taken as that much late",
+        name,
+        1e-9 * step,
+        1e-9 * time[first - 1],
+    )
+    return np.where(np.arange(len(time)) >= first, time - round(step), time)
 
 
 class Ordered(NamedTuple):

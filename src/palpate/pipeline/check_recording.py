@@ -20,7 +20,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
 
     - frames, duration_s, rate_hz by the median interval.
     - contact_share, truth_share: of the frames; None if contact is unknown.
-    - contacts: start_s and end_s of each contact, since the first frame.
+    - contacts: start_s and end_s of each contact, since the first frame; None if contact is unknown.
     - images: number of frames with an image; image_size: rows and columns [px]. Of a hand both are by finger.
     - first_pose and its sigma; None if the recording has none.
     - findings: kind (import, rate, unit, time gap, light, image or mismatch), start_s, end_s and sentence; those of
@@ -45,7 +45,7 @@ def check_recording(recording: Recording) -> dict[str, Any]:
         **_about_images(recording),
         "first_pose": None if first_pose is None else first_pose.tolist(),
         "first_pose_sigma": None if sigma is None else sigma.tolist(),
-        "contacts": [] if contact is None else [between(*ends) for ends in flag_runs(contact)],
+        "contacts": None if contact is None else [between(*ends) for ends in flag_runs(contact)],
         "findings": [
             {"kind": kind, **between(first, last), "sentence": sentence}
             for find in (_warnings, _other_rate, _other_unit, _time_gaps, _damaged_images_and_light, _mismatches)

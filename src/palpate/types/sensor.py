@@ -19,6 +19,14 @@ from palpate.errors import SettingError
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
 
+TOUCH_WORDS = ("tactile", "touch", "digit", "gel")
+"""Words by which streams of a touch sensor are known in names of topics, frames and features."""
+
+
+def is_named_touch(name: str) -> bool:
+    """Return true if a name says that it is of a touch sensor."""
+    return any(word in name.lower() for word in TOUCH_WORDS)
+
 
 @dataclass(frozen=True)
 class SensorProfile:
