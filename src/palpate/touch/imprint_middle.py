@@ -33,6 +33,9 @@ class ImprintSettings:
     share_of_asymmetry: float = 0.25
     """More of it for one without any symmetry, as a share of its width: what is on one side alone may lie anywhere in
     it. Fitted to balls and sides on drawn units."""
+    pushed: float = 5.0
+    """Factor on that variance in a push, whose shear draws the gel to one side: middles are then some 0.5 mm off where
+    presses of the same symmetry are 0.2 mm off."""
     share_of_network: float = 0.75
     """Standard deviation of the error that all places by the network share on one unit, as a share of an imprint's
     width: the light of a unit decides which part of a wide imprint shows most. Fitted to sides on drawn units; balls
@@ -43,9 +46,10 @@ _MIDDLE = ImprintSettings()
 
 
 def read_difference(model: TouchModel, difference: Difference, sensor: SensorProfile, spread: float = 1.0) -> Reading:
-    """Return the reading of a difference (ROWS, COLUMNS, 3) by a model, and by the imprint's middle on a flat pad.
+    """Return the reading of an image of a push, by a model, and by the imprint's middle on a flat pad.
 
-    `spread` is a factor on the variance of a middle, as presses of this unit show it.
+    The difference is (ROWS, COLUMNS, 3). `spread` is a factor on the variance of a middle, as presses of this unit
+    show it.
     """
     reading = model.read(difference)
     if "place" not in reading or sensor.pixel_pitch is None:
@@ -53,7 +57,7 @@ def read_difference(model: TouchModel, difference: Difference, sensor: SensorPro
     imprint = read_imprint(difference, sensor)
     if imprint is not None:
         scale = model.settings.spread["place"].scale  # which is of the network's variance
-        return {**reading, "place": (imprint[0], spread * imprint[1] / scale)}
+        return {**reading, "place": (imprint[0], _MIDDLE.pushed * spread * imprint[1] / scale)}
     shown = sensor.pixel_pitch * sensor.image_width
     # A network takes images to show as much as those that it was trained on.
     learnt_on = next((each for each in SENSORS.values() if each.name == model.settings.sensor), sensor)
@@ -65,9 +69,9 @@ def read_difference(model: TouchModel, difference: Difference, sensor: SensorPro
 def place_on_unit(
     model: TouchModel | None, difference: Difference, sensor: SensorProfile, spread: float = 1.0
 ) -> tuple[float, float] | None:
-    """Return the place along y of a flat pad and its variance [m], [m^2], with errors that are the same in all images.
+    """Return the place of a press along y of a flat pad and its variance, with errors that all images share.
 
-    A tracker learns these errors from many images; a reading of one has to state them. None if no middle shows, and
+    They are in [m] and [m^2]. A tracker learns these errors from many images; a reading of one has to state them. None if no middle shows, and
     there is no model or it reads no places. `spread` is that of `read_difference`.
     """
     imprint = read_imprint(difference, sensor)
