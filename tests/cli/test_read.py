@@ -113,7 +113,7 @@ def test_places_are_less_sure_the_wider_the_imprint_and_the_farther_from_what_is
 
 def test_presses_tell_the_scale_of_a_pad_of_another_size(folder, json_of):
     unit = next(each for each in (draw_unit(GELSIGHT_MINI, seed) for seed in range(7, 40)) if each.markers is None)
-    unit = dataclasses.replace(unit, pitch=1.3 * GELSIGHT_MINI.pixel_pitch, offset=(0.0, 0.0), roll=0.0)
+    unit = dataclasses.replace(unit, pitch=1.3 * 6.25e-5, offset=(0.0, 0.0), roll=0.0)
     save("still.png", touch_image(unit, None))
     for y in PLACES:
         save(f"{y:g}.png", ball(unit, y))
@@ -124,7 +124,7 @@ def test_presses_tell_the_scale_of_a_pad_of_another_size(folder, json_of):
 
 def test_a_ball_that_the_border_cuts_off_is_read_by_its_middle(folder, json_of):
     unit = next(each for each in (draw_unit(GELSIGHT_MINI, seed) for seed in range(7, 40)) if each.markers is None)
-    unit = dataclasses.replace(unit, pitch=GELSIGHT_MINI.pixel_pitch, offset=(0.0, 0.0), roll=0.0)
+    unit = dataclasses.replace(unit, pitch=6.25e-5, offset=(0.0, 0.0), roll=0.0)
     save("still.png", touch_image(unit, None))
     save("edge.png", ball(unit, -8.4))
     (told,) = json_of("read", "edge.png", "--untouched", "still.png", *MINI)

@@ -71,8 +71,8 @@ def place_on_unit(
 ) -> tuple[float, float] | None:
     """Return the place of a press along y of a flat pad and its variance, with errors that all images share.
 
-    They are in [m] and [m^2]. A tracker learns these errors from many images; a reading of one has to state them. None if no middle shows, and
-    there is no model or it reads no places. `spread` is that of `read_difference`.
+    They are in [m] and [m^2]. A tracker learns these errors from many images; a reading of one has to state them.
+    None if no middle shows, and there is no model or it reads no places. `spread` is that of `read_difference`.
     """
     imprint = read_imprint(difference, sensor)
     if imprint is not None:
