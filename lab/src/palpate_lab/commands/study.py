@@ -226,9 +226,9 @@ def train(
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     results: dict[str, Any]
     if source.suffix.lower() == ".csv":
-        for option, value in (("--untouched", untouched), ("--sensor", sensor)):
-            if not value:
-                raise SettingError(f"train: presses (.csv) need {option}, which is not given")
+        if not untouched or not sensor:
+            missing = "--sensor" if untouched else "--untouched"
+            raise SettingError(f"train: presses (.csv) need {missing}, which is not given")
         if start or calibration or orientation or test:
             raise SettingError("train: presses (.csv) take no --from, --calibration, --orientation or --test")
         still = [read_image(path) for path in untouched]
