@@ -1,14 +1,14 @@
 """Measure what touch reads on units of every kind after few presses: docs/study/units.json.
 
-    python scripts/measure_units.py [SEED] [--taxim FOLDER]
-    python scripts/measure_units.py [SEED] --pushes    # which it adds to the file
+    python scripts/measure_units.py [SEED] [--taxim FOLDER] [--kinds flat domes]    # kinds not named stay as they are
+    python scripts/measure_units.py [SEED] --pushes    # docs/study/unit_pushes.json
 
 24 drawn units, half of them GelSight Minis and half DIGITs, differ from the usual ones in lights, pitch, radius, dots,
 dirt and camera (`palpate_lab.simulate.any_unit`). Each is read as it is, and after `palpate calibrate --presses` on 3,
 5 and 10 balls; scores are of other presses: balls, and sides and corners of objects. Real presses are those of
 ../shared/data and, if FOLDER is the folder `taxim/calib` of the wheel taxim 1.4.1, its own; their images are no part of
 the repository. Errors are of places [mm] on flat pads and of directions [degrees] on domes. Pushes are of objects by
-DIGITs with one fault each, calibrated on five presses.
+DIGITs with one fault each or, to compare with, none, calibrated on five presses; the same pushes for each kind.
 """
 
 import argparse
@@ -43,16 +43,19 @@ Array = NDArray[np.float64]
 COUNTS = (0, 3, 5, 10)
 """Presses to calibrate on; fewer than three are refused."""
 UNITS = 24
+PROFILES = {"flat": GELSIGHT_MINI, "domes": DIGIT}
+"""Profiles of drawn units, in turn."""
 KINDS = {
-    "dead LED": Faults(has_dead_light=True),
-    "dots": Faults(has_dots=True),
+    "plain": Faults(),
     "half the view": Faults(pitch=0.64),
+    "dots": Faults(has_dots=True),
+    "dead LED": Faults(has_dead_light=True),
     "turned": Faults(view=CameraView(2)),
     "mirrored": Faults(view=CameraView(0, True)),
 }
 """Kinds of DIGITs that push objects; half the view is half the pad."""
 PUSHES = 12
-SECONDS = 6.0
+SECONDS = 15.0
 """Length of a recording of pushes [s]."""
 WANTED_MM = 3.0
 """Final error of a push that is wanted at most."""
@@ -81,24 +84,27 @@ class Pressed:
     """Presses that a calibration may be made on; by default all."""
 
 
-def main(seed: int, taxim: Path | None) -> None:
-    """Measure and write."""
-    drawn = [of_drawn_unit(seed, number) for number in range(UNITS)]
-    real = {name: of_balls(pressed) for name, pressed in real_units(taxim).items()}
-    flat = [unit for unit in drawn if unit["sensor"] == GELSIGHT_MINI.name]
-    domes = [unit for unit in drawn if unit["sensor"] == DIGIT.name]
-    kinds = {"flat": flat, "domes": domes}
-    pooled_scores = {f"{k}, {part}": pooled(kinds[k], part) for k in kinds for part in ("balls", "sides")}
-    write("units", {"seed": seed, "pooled": pooled_scores, "real": real, "drawn": drawn})
+def main(seed: int, taxim: Path | None, kinds: list[str]) -> None:
+    """Measure units of these kinds and write them; what the file has of the other kind stays."""
+    found = json.loads((STUDY / "units.json").read_text())
+    for kind in kinds:
+        profile = PROFILES[kind]
+        numbers = range(UNITS)[list(PROFILES).index(kind) :: len(PROFILES)]
+        drawn = [of_drawn_unit(seed, number) for number in numbers]
+        real = {name: each for name, each in real_units(taxim).items() if each.sensor == profile}
+        found["seeds"][kind] = seed
+        found["pooled"] |= {f"{kind}, {part}": pooled(drawn, part) for part in ("balls", "sides")}
+        found["real"] |= {name: of_balls(pressed) for name, pressed in real.items()}
+        found["drawn"] = [each for each in found["drawn"] if each["sensor"] != profile.name] + drawn
+        write("units", found)
 
 
 def add_pushes(seed: int) -> None:
-    """Measure pushes and write them to the same file, each kind once it is done."""
-    found = json.loads((STUDY / "units.json").read_text())
-    found["pushes"] = {}
+    """Measure pushes and write them, each kind once it is done."""
+    found: dict[str, Any] = {"seed": seed, "seconds": SECONDS, "kinds": {}}
     for kind in KINDS:
-        found["pushes"][kind] = pushes_of(kind, seed)
-        write("units", found)
+        found["kinds"][kind] = pushes_of(kind, seed)
+        write("unit_pushes", found)
 
 
 def pushes_of(kind: str, seed: int) -> dict[str, Any]:
@@ -111,9 +117,11 @@ def pushes_of(kind: str, seed: int) -> dict[str, Any]:
         "pushes": len(found),
         "refused": [each["refused"] for each in found if "refused" in each],
         "final_mm": [each["final_mm"] for each in tracked],
+        "final_deg": [each["final_deg"] for each in tracked],
         "final_mm_median": float(np.median([each["final_mm"] for each in tracked])),
         "final_mm_worst": max(each["final_mm"] for each in tracked),
         "within_3_mm": sum(each["final_mm"] <= WANTED_MM for each in tracked),
+        "in_95_final": float(np.mean([each["inside_final"] for each in tracked])),
         "in_95_contact": float(np.mean([each["inside_contact"] for each in tracked])),
         "silent": float(np.mean([each["silent"] for each in tracked])),
     }
@@ -136,7 +144,7 @@ def pushed(simulation: Simulation, faults: Faults) -> dict[str, Any]:
 def of_drawn_unit(seed: int, number: int) -> dict[str, Any]:
     """Return faults and scores of a drawn unit, by the seed of the study and its number."""
     rng = np.random.default_rng([seed, number])
-    profile = (GELSIGHT_MINI, DIGIT)[number % 2]
+    profile = list(PROFILES.values())[number % len(PROFILES)]
     faults = draw_faults(rng)
     unit = with_faults(profile, int(rng.integers(2**31)), faults)
     camera = through_camera(faults)
@@ -370,11 +378,12 @@ def halved(image: Image) -> Image:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("seed", nargs="?", type=int, default=20261501)
+    parser.add_argument("seed", nargs="?", type=int, default=20261502)
     parser.add_argument("--taxim", type=Path)
+    parser.add_argument("--kinds", nargs="+", choices=list(PROFILES), default=list(PROFILES))
     parser.add_argument("--pushes", action="store_true")
     arguments = parser.parse_args()
     if arguments.pushes:
         add_pushes(arguments.seed)
     else:
-        main(arguments.seed, arguments.taxim)
+        main(arguments.seed, arguments.taxim, arguments.kinds)

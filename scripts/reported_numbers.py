@@ -604,19 +604,20 @@ TABLES: dict[str, Table] = {
             "pushes": "{pushes}",
             "within 3 mm at the end": "{within_3_mm}",
             "final error, median (worst)": "{final_mm_median:.1f} mm ({final_mm_worst:.0f})",
-            "in 95 %, contact": "{in_95_contact:.0%}",
+            "in 95 %: contact, end": "{in_95_contact:.0%}, {in_95_final:.0%}",
             "silently wrong": "{silent:.1%}",
         },
         of_json(
-            "docs/study/units.json",
+            "docs/study/unit_pushes.json",
             {
+                "plain": "without a fault",
                 "dead LED": "with a dead LED",
                 "dots": "with dots",
                 "half the view": "whose images show half of the pad",
                 "turned": "with images turned by 180 degrees",
                 "mirrored": "with mirrored images",
             },
-            "pushes",
+            "kinds",
         ),
     ),
     "touch-model": Table(

@@ -99,6 +99,38 @@ def test_a_side_that_covers_the_pad_is_not_read_where_the_pad_ends(folder, json_
     assert abs(told["place_mm"]) < 3.0 * told["place_sigma_mm"]
 
 
+def test_places_are_less_sure_the_wider_the_imprint_and_the_farther_from_what_is_known(pad, json_of):
+    disc = palpate.Disc(0.088)
+    save("disc.png", render(pad, disc, (disc.radius, 0.0, np.pi), 8e-4, rng=np.random.default_rng(1)))
+    calibrate = ("calibrate", "--untouched", "still.png", *MINI, "--presses", table(PLACES), "--out", "unit.npz")
+    json_of(*calibrate)
+    save("new.png", ball(pad, -4.0, -1.0))
+    ball_told, side_told = json_of("read", "new.png", "disc.png", "--calibration", "unit.npz", *MINI)
+    # Presses say where this unit shows a ball, and nothing of a side that covers the pad.
+    assert ball_told["place_sigma_mm"] < 0.2
+    assert side_told["place_sigma_mm"] > 1.0
+
+
+def test_presses_tell_the_scale_of_a_pad_of_another_size(folder, json_of):
+    unit = next(each for each in (draw_unit(GELSIGHT_MINI, seed) for seed in range(7, 40)) if each.markers is None)
+    unit = dataclasses.replace(unit, pitch=1.3 * 6.25e-5, offset=(0.0, 0.0), roll=0.0)
+    save("still.png", touch_image(unit, None))
+    for y in PLACES:
+        save(f"{y:g}.png", ball(unit, y))
+    told = json_of("calibrate", "--untouched", "still.png", *MINI, "--presses", table(PLACES), "--out", "unit.npz")
+    # A prior that is surer than a pad of another size allows keeps some of its own scale.
+    assert told["pixel_pitch_mm"] == pytest.approx(1e3 * unit.pitch, rel=0.03)
+
+
+def test_a_ball_that_the_border_cuts_off_is_read_by_its_middle(folder, json_of):
+    unit = next(each for each in (draw_unit(GELSIGHT_MINI, seed) for seed in range(7, 40)) if each.markers is None)
+    unit = dataclasses.replace(unit, pitch=6.25e-5, offset=(0.0, 0.0), roll=0.0)
+    save("still.png", touch_image(unit, None))
+    save("edge.png", ball(unit, -8.4))
+    (told,) = json_of("read", "edge.png", "--untouched", "still.png", *MINI)
+    assert told["place_mm"] == pytest.approx(-8.4, abs=0.5)
+
+
 def test_presses_of_two_units_are_refused_by_name(folder, fails):
     units = [draw_unit(GELSIGHT_MINI, seed) for seed in (8, 11)]  # without dots
     save("still.png", touch_image(units[0], None))

@@ -22,24 +22,34 @@ class ImprintSettings:
     least_symmetry: float = 0.4
     """Symmetry from which the middle is better than the network: 0.3 mm off in the median of pushes by drawn units and
     not 0.5, of balls 0.1 and not 0.3."""
-    least_whole: float = 0.85
-    """Share of all change of light that the imprint's two sides must have, away from the border. On drawn pads 99 % of
-    balls have it, and no imprint that is read wrong by more than 0.8 mm."""
+    most_outside: float = 5e-4
+    """Most [m] that what lies beyond two equally wide sides of an imprint may shift its middle: its share of all change
+    of light times the imprint's width. Balls that the border cuts off stay below it; sides as wide as the pad, of
+    which the end of the pad alone looks like an imprint, lie above it."""
     border: int = 2
     """Columns at the border that do not count for that."""
     sigma: float = 4e-5
     """Standard deviation [m] of the middle of a fully antisymmetric imprint."""
-    sigma_of_asymmetry: float = 5.5e-4
-    """More of it [m] for one without any symmetry: 95 % of balls on drawn units are within 2 sigma."""
+    share_of_asymmetry: float = 0.25
+    """More of it for one without any symmetry, as a share of its width: what is on one side alone may lie anywhere in
+    it. Fitted to balls and sides on drawn units."""
+    pushed: float = 5.0
+    """Factor on that variance in a push, whose shear draws the gel to one side: middles are then some 0.5 mm off where
+    presses of the same symmetry are 0.2 mm off."""
+    share_of_network: float = 0.75
+    """Standard deviation of the error that all places by the network share on one unit, as a share of an imprint's
+    width: the light of a unit decides which part of a wide imprint shows most. Fitted to sides on drawn units; balls
+    on a unit say nothing of it."""
 
 
 _MIDDLE = ImprintSettings()
 
 
 def read_difference(model: TouchModel, difference: Difference, sensor: SensorProfile, spread: float = 1.0) -> Reading:
-    """Return the reading of a difference (ROWS, COLUMNS, 3) by a model, and by the imprint's middle on a flat pad.
+    """Return the reading of an image of a push, by a model, and by the imprint's middle on a flat pad.
 
-    `spread` is a factor on the variance of a middle, as presses of this unit show it.
+    The difference is (ROWS, COLUMNS, 3). `spread` is a factor on the variance of a middle, as presses of this unit
+    show it.
     """
     reading = model.read(difference)
     if "place" not in reading or sensor.pixel_pitch is None:
@@ -47,13 +57,31 @@ def read_difference(model: TouchModel, difference: Difference, sensor: SensorPro
     imprint = read_imprint(difference, sensor)
     if imprint is not None:
         scale = model.settings.spread["place"].scale  # which is of the network's variance
-        return {**reading, "place": (imprint[0], spread * imprint[1] / scale)}
+        return {**reading, "place": (imprint[0], _MIDDLE.pushed * spread * imprint[1] / scale)}
     shown = sensor.pixel_pitch * sensor.image_width
     # A network takes images to show as much as those that it was trained on.
     learnt_on = next((each for each in SENSORS.values() if each.name == model.settings.sensor), sensor)
     ratio = shown / ((learnt_on.pixel_pitch or sensor.pixel_pitch) * (learnt_on.image_width or sensor.image_width))
     place, variance = reading["place"]
     return {**reading, "place": (ratio * place, ratio**2 * variance)}
+
+
+def place_on_unit(
+    model: TouchModel | None, difference: Difference, sensor: SensorProfile, spread: float = 1.0
+) -> tuple[float, float] | None:
+    """Return the place of a press along y of a flat pad and its variance, with errors that all images share.
+
+    They are in [m] and [m^2]. A tracker learns these errors from many images; a reading of one has to state them.
+    None if no middle shows, and there is no model or it reads no places. `spread` is that of `read_difference`.
+    """
+    imprint = read_imprint(difference, sensor)
+    if imprint is not None:
+        return imprint[0], spread * imprint[1]
+    reading = {} if model is None else read_difference(model, difference, sensor)
+    if model is None or "place" not in reading:
+        return None
+    shared = _MIDDLE.share_of_network * width_of(difference) * (sensor.pixel_pitch or 0.0) * sensor.image_width
+    return reading["place"][0], reading["place"][1] * model.settings.spread["place"].scale + shared**2
 
 
 def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, float] | None:
@@ -64,10 +92,13 @@ def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, 
     middle, symmetry = middle_of(difference)
     if symmetry <= _MIDDLE.least_symmetry or sensor.pixel_pitch is None:
         return None
-    if share_of_sides(difference, middle) < _MIDDLE.least_whole:
+    shown = sensor.pixel_pitch * sensor.image_width
+    width = shown * width_of(difference)
+    outside = (1.0 - share_of_sides(difference, middle)) * width
+    if outside > _MIDDLE.most_outside:
         return None
-    sigma = _MIDDLE.sigma + _MIDDLE.sigma_of_asymmetry * (1.0 - symmetry)
-    return middle * sensor.pixel_pitch * sensor.image_width, sigma**2
+    of_asymmetry = _MIDDLE.share_of_asymmetry * (1.0 - symmetry) * width
+    return middle * shown, _MIDDLE.sigma**2 + of_asymmetry**2 + outside**2
 
 
 def middle_of(difference: Difference) -> tuple[float, float]:
@@ -93,6 +124,20 @@ def middle_of(difference: Difference) -> tuple[float, float]:
         after = float(antisymmetry[row, column + 1])
         peak += 0.5 * (before - after) / min(before - 2.0 * most + after, -1e-9 * total)
     return (0.5 * peak + 0.5) / COLUMNS - 0.5, most / total
+
+
+def width_of(difference: Difference) -> float:
+    """Return how wide an imprint in a difference (ROWS, COLUMNS, 3) is, as a share of the image's width.
+
+    It is the standard deviation of the columns, weighted by their squared change of light.
+    """
+    change = np.square(difference).sum(axis=(0, 2))
+    total = float(change.sum())
+    if not total > 0.0:
+        return 0.0
+    column = np.arange(COLUMNS) / COLUMNS
+    mean = float(change @ column) / total
+    return math.sqrt(float(change @ np.square(column - mean)) / total)
 
 
 def share_of_sides(difference: Difference, middle: float) -> float:

@@ -14,7 +14,7 @@ from palpate.errors import SettingError
 from palpate.touch.calibration import Calibration, calibrated
 from palpate.touch.cells import is_grey
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.imprint_middle import read_difference, read_imprint
+from palpate.touch.imprint_middle import place_on_unit, read_difference, read_imprint
 from palpate.touch.markers import check_markers, find_markers
 from palpate.touch.pipeline import GREY, angle_factor, misfit
 from palpate.touch.touch_model import Difference, TouchModel, difference_in_light, reduced
@@ -84,24 +84,19 @@ class ImageReader:
 
     def _measured(self, difference: Difference) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
         """Return direction [rad] or, of a flat pad, place [m], each with its standard deviation; None for the other."""
-        is_flat = self._sensor.flat_width > 0.0
+        if self._sensor.flat_width > 0.0 and (self._model is None or "place" in self._model.settings.spread):
+            found = place_on_unit(self._model, difference, self._sensor, self._calibration.place_spread)
+            return None, None if found is None else self._place(*found)
         if self._model is None:
             imprint = read_imprint(difference, self._sensor)
             if imprint is None:
                 return None, None
-            if is_flat:
-                return None, self._place(imprint[0], self._calibration.place_spread * imprint[1])
             sine = imprint[0] / max(self._sensor.radius, abs(imprint[0]) + 1e-9)
             return self._direction(math.asin(sine), imprint[1] / (self._sensor.radius**2 * (1.0 - sine**2))), None
-        spread_of_middles = self._calibration.place_spread
-        reading = read_difference(self._model, difference, self._sensor, spread_of_middles)
-        spread = self._model.settings.spread
-        if is_flat and "place" in reading:
-            place, variance = reading["place"][:2]
-            return None, self._place(place, variance * spread["place"].scale)
-        angle, variance = reading["direction"][:2]
+        angle, variance = read_difference(self._model, difference, self._sensor)["direction"][:2]
         factor = angle_factor(self._model, self._sensor)
-        return self._direction(factor * angle, factor**2 * variance * spread["direction"].scale), None
+        scale = self._model.settings.spread["direction"].scale
+        return self._direction(factor * angle, factor**2 * variance * scale), None
 
     def _place(self, measured: float, variance: float) -> tuple[float, float]:
         """Return a place along y and its standard deviation [m], from that in the image and its variance [m^2]."""

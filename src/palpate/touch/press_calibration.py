@@ -21,7 +21,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import PITCHES, VIEWS, Calibration, DirectionCorrection, calibrated, mismatch
 from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.imprint_middle import read_difference
+from palpate.touch.imprint_middle import place_on_unit
 from palpate.touch.markers import check_markers, find_markers, without_markers
 from palpate.touch.pipeline import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
@@ -67,8 +67,8 @@ _LIMITS = _Limits()
 class PlaceSettings:
     """Errors of given places on a flat pad."""
 
-    place_scale_sigma: float = 0.03
-    """Standard deviation of the scale of given places: of slides, rulers and clicks in images."""
+    place_scale_sigma: float = 0.005
+    """Standard deviation of the scale of given places, of a slide or a ruler, which no press shows."""
     worst_place: float = 1e-3
     """Largest scatter about the line [m]; more means wrong presses or places."""
     given_place_sigma: float = 1e-4
@@ -343,10 +343,13 @@ def _fit_places_in_view(
     assert presses.place is not None
     calibration, differences = _in_view(view, presses, calibration)
     unit = calibrated(sensor, calibration)
-    readings = np.array([read_difference(model, difference, unit)["place"] for difference in differences])
-    measured = readings[:, 0]
-    variance = readings[:, 1] * model.settings.spread["place"].scale + _PLACES.given_place_sigma**2
-    scale_sigma = math.hypot(_PLACES.place_scale_sigma, unit.pixel_pitch_sigma)
+    readings = [place_on_unit(model, difference, unit) for difference in differences]
+    places = [reading for reading in readings if reading is not None]
+    if len(places) < len(readings):
+        raise FileError("not all presses show whole imprints, and the touch model reads no places")
+    measured, variance = np.array(places).T
+    variance = variance + _PLACES.given_place_sigma**2
+    scale_sigma = math.hypot(_LIMITS.scale_sigma, unit.pixel_pitch_sigma)
     middle = presses.place.mean()  # so that places from far away lose no digits
     (offset, scale), sigmas, log_likelihood = _fitted_line(
         presses.place - middle, measured, variance, (1.0, scale_sigma)
@@ -357,7 +360,7 @@ def _fit_places_in_view(
     inflation = math.sqrt(spread)
     assert unit.pixel_pitch is not None
     scale = float(np.clip(scale, 0.01, 10.0))  # beyond that units are wrong, which `mismatch` says
-    pitch_sigma = min(float(sigmas[1]) / scale * inflation, 0.5)
+    pitch_sigma = min(math.hypot(float(sigmas[1]) / scale * inflation, _PLACES.place_scale_sigma), 0.5)
     calibration = replace(
         calibration, pixel_pitch=unit.pixel_pitch / scale, pixel_pitch_sigma=pitch_sigma, place_spread=spread
     )

@@ -226,9 +226,11 @@ def train(
     settings = TrainSettings(seed=seed, steps=steps, workers=workers)
     results: dict[str, Any]
     if source.suffix.lower() == ".csv":
-        if not untouched or not sensor or start or calibration or orientation or test:
-            others = "--from, --calibration, --orientation, --test"
-            raise SettingError(f"train: presses (.csv) take --untouched and --sensor, not {others}")
+        if not untouched or not sensor:
+            missing = "--sensor" if untouched else "--untouched"
+            raise SettingError(f"train: presses (.csv) need {missing}, which is not given")
+        if start or calibration or orientation or test:
+            raise SettingError("train: presses (.csv) take no --from, --calibration, --orientation or --test")
         still = [read_image(path) for path in untouched]
         presses = read_presses(source)
         with in_file(source):
