@@ -20,6 +20,9 @@ from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
 MOST_PLACES = 20
 """Hypotheses with which a contact begins at most: all faces of an outline, each at several places."""
+MOST_PLACES_OF_HAND = 40
+"""The same of an object whose first pose is hardly known, with the fingers of a hand as stated, and as many with them
+exchanged. At the first frame of some hundred likely places the right one was the 20th to 35th of its half."""
 LOG_ODDS_OF_STAYING = 3.0
 """Log of the odds that an object with a rough pose lies where it was left, and not at another place."""
 _ROUGH_SIGMA = 0.006, 0.006, 0.15

@@ -11,6 +11,7 @@ from palpate.arrays import Array
 from palpate.hypotheses.proposals.contact_places import (
     LOG_ODDS_OF_STAYING,
     MOST_PLACES,
+    MOST_PLACES_OF_HAND,
     BeliefsAtPlaces,
     choose_beliefs,
     is_rough,
@@ -50,8 +51,9 @@ def propose_rough_start(
     proposed = kept.take(~is_hopeless).joined(_at_places(rows, places))
     proposed = proposed.take(np.argsort(-proposed.log_prior, kind="stable"))
     is_mirror = proposed.touch_sign != rows.touch_sign[0]
-    best = merged(proposed.take(~is_mirror), MOST_PLACES, model)
-    mirrors = merged(proposed.take(is_mirror), MOST_PLACES, model)
+    most = MOST_PLACES_OF_HAND if model.fingers else MOST_PLACES
+    best = merged(proposed.take(~is_mirror), most, model)
+    mirrors = merged(proposed.take(is_mirror), most, model)
     return best.joined(mirrors)
 
 
