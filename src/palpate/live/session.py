@@ -96,9 +96,11 @@ class LiveSession:
         self._count_dropped()
 
     def summary(self) -> dict[str, Any]:
-        """Return counts, the rate of the last images, percentiles of the latency and the last estimate, for JSON."""
+        """Return counts, the rate of a camera's last images, percentiles of the latency and the last estimate, for JSON."""
         times = list(self._times)
-        rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else None
+        sensor = self._sources.sensor
+        cameras = len(sensor.fingers) if isinstance(sensor, Hand) else 1
+        rate = (len(times) - 1) / (times[-1] - times[0]) / cameras if len(times) > 1 else None
         latency = percentiles(self._latencies) if self._latencies else dict.fromkeys(PERCENTILES)
         summary = {**self.counts, "rate_hz": rate, "latency_ms": latency, "statuses": dict(self.statuses)}
         last = self.last
