@@ -170,6 +170,18 @@ def test_images_that_come_late_are_named():
     assert "right" not in reason
 
 
+def test_a_rough_start_keeps_its_likely_places_with_fingers_as_stated_and_exchanged():
+    rough = {"first_pose_sigma": (0.03, 0.03, 1.8), "is_view_known": False}
+    tracker = hand(first=np.zeros(3), touch={"left": Directions()}, **rough)
+    frames = [
+        Frame(frame.time, frame.sensor_pose, contacts={"left": k >= 10, "right": False})
+        for k, (frame, _) in enumerate(push(12))
+    ]
+    last = updated(tracker, frames)[-1]
+    assert len(last.answers) > 40  # of a hundred of much the same weight, of which the right one is any
+    assert last.status in ("ambiguous", "uncertain")
+
+
 def pinching(way: np.ndarray, **of_finger: Any) -> list[Frame]:
     """Frames of a gripper around a box that touches from frame 20 on, moved by `way` (N,) [m] along x and y."""
     frames = []

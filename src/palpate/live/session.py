@@ -96,7 +96,7 @@ class LiveSession:
         self._count_dropped()
 
     def summary(self) -> dict[str, Any]:
-        """Return counts, the rate of a camera's last images, percentiles of the latency and the last estimate, for JSON."""
+        """Return counts, rate of a camera's last images, percentiles of the latency and the last estimate, for JSON."""
         times = list(self._times)
         sensor = self._sources.sensor
         cameras = len(sensor.fingers) if isinstance(sensor, Hand) else 1
