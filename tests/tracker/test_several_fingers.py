@@ -186,7 +186,7 @@ def pinching(way: np.ndarray, **of_finger: Any) -> list[Frame]:
     """Frames of a gripper around a box that touches from frame 20 on, moved by `way` (N,) [m] along x and y."""
     frames = []
     for k, moved in enumerate(way):
-        given = {name: {"left": values[k], "right": values[k]} for name, values in of_finger.items()}
+        given: Any = {name: {"left": values[k], "right": values[k]} for name, values in of_finger.items()}
         frames.append(Frame(k / 30.0, np.array([moved, moved, 0.0]), **given))
     return frames
 
