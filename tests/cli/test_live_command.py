@@ -330,9 +330,12 @@ def write_hand() -> palpate.Recording:
     return hand
 
 
-def test_a_replayed_hand_is_tracked_and_recorded(json_of):
+def test_a_replayed_hand_is_tracked_and_recorded(run_palpate):
     push = write_hand()
-    found = json_of("live", "--tactile", "none", "--replay", "hand.mcap", "--record", "live.mcap")
+    words = ("live", "--tactile", "none", "--replay", "hand.mcap", "--record", "live.mcap", "--json")
+    code, out, err = run_palpate(*words)
+    assert code == 0 and all("further ones are counted" in line for line in err.splitlines())
+    found = json.loads(out)
     assert (found["images"], found["sensor_poses"]) == (2 * FRAMES, FRAMES)
     assert found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"] == 2 * FRAMES
     assert found["tracked"] > 2
