@@ -23,6 +23,7 @@ from palpate.models.pushing.disturbance import DISTURBED_SLIDE
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.place import PLACE
 from palpate.models.pushing.sticking import STICKING
+from palpate.models.pushing.sticking import variance as variance_inside
 from palpate.models.pushing.turn import TURN
 
 _VARIABLES = (
@@ -58,7 +59,7 @@ def _variance_of_balance(now: Any, noise: Any, support: Any) -> tuple[Scalar]:
 
 def _variance_of_sticking(now: Any, noise: Any) -> tuple[Scalar, Scalar]:
     """Return the variance of a slide [m^2]; see `sticking.variance`, and PINCH_SHARE."""
-    inside, _ = STICKING.variance(now, noise)
+    inside, _ = variance_inside(now, noise)
     pinched = noise.still**2 + (PINCH_SHARE * now.pinched * now.moved) ** 2
     both = larger(inside, pinched)
     return both, both
