@@ -20,9 +20,6 @@ from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
 MOST_PLACES = 20
 """Hypotheses with which a contact begins at most: all faces of an outline, each at several places."""
-MOST_PLACES_OF_HAND = 40
-"""The same of an object whose first pose is hardly known, with the fingers of a hand as stated, and as many with them
-exchanged. At the first frame of some hundred likely places the right one was the 20th to 35th of its half."""
 LOG_ODDS_OF_STAYING = 3.0
 """Log of the odds that an object with a rough pose lies where it was left, and not at another place."""
 _ROUGH_SIGMA = 0.006, 0.006, 0.15
@@ -51,6 +48,15 @@ class BeliefsAtPlaces:
     def take(self, indices: Integers) -> "BeliefsAtPlaces":
         """Return some of these."""
         return BeliefsAtPlaces(self.belief.take(indices), self.parent[indices], self.log_likelihood[indices])
+
+
+def most_of_rough_start(model: ContactModel) -> int:
+    """Return the most places at which an object may be met whose first pose is hardly known.
+
+    Of a hand it is twice as many with the fingers as stated, and as many again with them exchanged: at the first frame
+    the right one of some hundred was the 20th to 35th of its half.
+    """
+    return 2 * MOST_PLACES if model.fingers else MOST_PLACES
 
 
 def is_rough(belief: Belief, model: ContactModel, limit: ArrayLike = _ROUGH_SIGMA) -> Flags:
