@@ -1,15 +1,18 @@
 """Measure pushes by a hand of two fingers with images: docs/study/fingers.json.
 
-    palpate simulate IDEAL --fingers 2 --count 20 --ideal --seed 20261511
-    palpate simulate SET_UP --fingers 2 --count 20 --seed 20261512
-    python scripts/measure_fingers.py IDEAL SET_UP [COUNT]
+    palpate simulate SET_UP --fingers 2 --count 20 --seed 20261522
+    palpate simulate PINCH --fingers 2 --pinch --count 4 --seed 20261524
+    palpate simulate IDEAL --fingers 2 --count 20 --ideal --seed 20261521
+    palpate simulate UNKNOWN --fingers 2 --shape rectangle --shape ellipse --count 10 --seed 20261523
+    python scripts/measure_fingers.py SET_UP PINCH IDEAL UNKNOWN [COUNT]
 
 COUNT recordings of each folder are tracked, 60 by default, a like number of each object. An object is lost if it is
-more than 50 mm or 30 degrees off at the end. Those with the errors of a set-up are tracked again from an unknown start,
-as in measure_unknown_start.py, but for discs. One process, a minute for three recordings.
+more than 50 mm or 30 degrees off at the end. Those of UNKNOWN are tracked from an unknown start, as in
+measure_unknown_start.py. What is there is written after each folder. One process, a minute for three recordings.
 """
 
 import sys
+from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
 from statistics import fmean, median
@@ -28,15 +31,17 @@ LOST = 50.0, 30.0
 """Final errors [mm, deg] beyond which an object is lost."""
 
 
-def main(ideal: Path, set_up: Path, count: int) -> None:
-    """Track the recordings of both folders, and write what came of them."""
+def main(folders: Sequence[Path], count: int) -> None:
+    """Track the recordings of all folders, and write what came of them."""
     content: dict[str, Any] = {}
-    for name, folder in (("ideal", ideal), ("set_up", set_up)):
+    *pushes, unknown = folders
+    for name, folder in zip(("set_up", "pinch", "ideal"), pushes, strict=True):
         content[name] = summarised([scored(file) for file in chosen(folder, count)])
         print(name, content[name], flush=True)
-    unknown = [from_unknown_start(file) for file in chosen(set_up, count) if not file.stem.startswith("disc")]
-    shares = {f"{name}_share": fmean(row[name] for row in unknown) for name in ("found", "honest")}
-    content["unknown_start"] = {"recordings": len(unknown), **shares}
+        write("fingers", content)
+    rows = [from_unknown_start(file) for file in chosen(unknown, count)]
+    shares = {f"{name}_share": fmean(row[name] for row in rows) for name in ("found", "honest")}
+    content["unknown_start"] = {"recordings": len(rows), **shares}
     print(content["unknown_start"], flush=True)
     write("fingers", content)
 
@@ -62,12 +67,12 @@ def scored(file: Path) -> dict[str, float]:
         "inside_contact": summary["in_95_contact_share"],
         "inside_final": float(summary["in_95_final"]),
         "ambiguous": summary["ambiguous_share"],
-        "step_ms": float(np.median(run.step_ms[run.online.contact])),
+        "uncertain": float(np.mean(np.array(run.online.status)[run.online.contact] == "uncertain")),
     }
 
 
 def summarised(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Return medians of errors and times, and means of shares."""
+    """Return medians of errors, and means of shares."""
     of = {name: [row[name] for row in rows] for name in rows[0]}
     return {
         "recordings": len(rows),
@@ -78,7 +83,7 @@ def summarised(rows: list[dict[str, float]]) -> dict[str, float]:
         "inside_contact_mean": fmean(of["inside_contact"]),
         "inside_final_mean": fmean(of["inside_final"]),
         "ambiguous_mean": fmean(of["ambiguous"]),
-        "step_ms_median": median(of["step_ms"]),
+        "uncertain_mean": fmean(of["uncertain"]),
     }
 
 
@@ -92,4 +97,4 @@ def from_unknown_start(file: Path) -> dict[str, bool]:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]) if len(sys.argv) > 3 else 60)
+    main([Path(name) for name in sys.argv[1:5]], int(sys.argv[5]) if len(sys.argv) > 5 else 60)

@@ -516,8 +516,12 @@ TABLES: dict[str, Table] = {
             "lost": "{lost}",
             "in 95 %: contact, end": "{inside_contact_mean:.0%}, {inside_final_mean:.0%}",
             "`ambiguous`": "{ambiguous_mean:.1%}",
+            "`uncertain`": "{uncertain_mean:.0%}",
         },
-        of_json("docs/study/fingers.json", {"ideal": "ideal", "set_up": "with errors of a set-up"}),
+        of_json(
+            "docs/study/fingers.json",
+            {"ideal": "ideal", "set_up": "with errors of a set-up", "pinch": "pinches, with errors of a set-up"},
+        ),
     ),
     "fingers-unknown": Table(
         {"recordings": "{recordings}", "found": "{found_share:.0%}", "honest": "{honest_share:.0%}"},

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from recording_samples import encoded
 
-from palpate import Recording, Rectangle, SensorProfile
+from palpate import Hand, Recording, Rectangle, SensorProfile
 
 CAMERA = SensorProfile(name="small", radius=0.01, half_width=0.006, image_height=40, image_width=30)
 FRAMES, FIRST, LAST = 50, 20, 39
@@ -36,3 +36,13 @@ def imaged_push() -> Recording:
     coded = tuple(encoded(image.clip(0, 255).astype(np.uint8)) for image in images)
     time = np.arange(FRAMES) / 30.0
     return Recording(time, sensor, Rectangle(0.1, 0.06), CAMERA, truth, touching, image=coded)
+
+
+def imaged_push_of_hand() -> Recording:
+    """The same push by a hand of two such sensors, which both touch and see other noise; it begins at 0 s."""
+    one = imaged_push()
+    assert one.image is not None
+    hand = Hand({"left": CAMERA, "right": CAMERA}, {"left": (0.0, 0.012, 0.0), "right": (0.0, -0.012, 0.0)})
+    other = [encoded(np.ascontiguousarray(np.flip(np.asarray(frame.image), 1))) for frame in one]
+    images = {"left": one.image, "right": other}
+    return Recording(one.time, one.sensor_pose, one.shape, hand.whole, one.object_pose, hand=hand, images=images)

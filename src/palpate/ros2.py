@@ -15,19 +15,22 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from palpate.cli.console import complain
+from palpate.cli.options import hand_in_words
 from palpate.config import TrackerSettings
 from palpate.errors import FrameError, PalpateError, SettingError, one_line
 from palpate.io import ros_messages as ros
 from palpate.io.estimates import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, estimate_messages
 from palpate.io.outlines import load_shape
 from palpate.live.session import LiveSession, stop_on_signals
-from palpate.live.sources import Sources, TimedPose, TouchImage, checked_pose
+from palpate.live.sources import ImageSource, Sources, TimedPose, TouchImage, checked_pose, together
 from palpate.touch.calibration import load_calibration
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker import Tracker
 from palpate.types.choices import DEFAULT_SENSOR, Placement
 from palpate.types.estimate import Estimate
+from palpate.types.hand import Hand, by_finger
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
+from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
 from palpate.types.space import GelPoses
 
@@ -50,14 +53,16 @@ Tracks an object as a ROS 2 node until Ctrl-C. It needs rclpy, which comes with 
 Example: palpate ros2 --ros-args -p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]' -r image:=/digit/image_raw
 
 Topics to remap
-  image        touch images: sensor_msgs Image or CompressedImage
-  sensor_pose  poses of the sensor: PoseStamped and others
+  image        touch images: sensor_msgs Image or CompressedImage; of a hand left/image, right/image
+  sensor_pose  poses of the sensor, or of the hand: PoseStamped and others
 
 Parameters
   shape             the object: a name, the sides of a rectangle such as 0.09x0.06 [m], or a file; needed
   first_pose        its pose at the start, [x, y, theta] in m, m, rad; needed
   first_pose_sigma  its standard deviations
   sensor            its name, or a profile of palpate calibrate --new-sensor, my_sensor.toml; digit if not given
+  mounts            of a hand, where each finger is in its frame, as 'left=0,20mm,0 right=0,-20mm,0'; sensor and
+                    calibration are then of all fingers, or left=VALUE,right=VALUE
   model             folder of a touch model, or the name of a sensor whose own it is; the sensor's own if not given
   calibration       file of palpate calibrate
   tactile           learnt or none
@@ -95,21 +100,39 @@ def run(node: Any, stop: threading.Event) -> None:
             "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
         )
     sigma = _parameter(node, "first_pose_sigma")
-    unit = _parameter(node, "calibration")
     settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
-    calibration = None if unit is None else load_calibration(str(unit))
+    calibration = _calibration(_parameter(node, "calibration"))
     outline = load_shape(str(shape))
-    sensor = known_sensor(str(_parameter(node, "sensor") or DEFAULT_SENSOR))
+    sensor = _sensor(str(_parameter(node, "sensor") or DEFAULT_SENSOR), _parameter(node, "mounts"))
     given_model = _parameter(node, "model")
     model = None if given_model is None else TouchModel(str(given_model))
-    topics = Topics(node, sensor.orientation)
-    upright = replace(sensor, orientation="")  # as the topics' images are turned already
+    if isinstance(sensor, Hand):
+        fingers = {name: replace(finger, orientation="") for name, finger in sensor.fingers.items()}
+        topics = Topics(node, next(iter(sensor.fingers.values())).orientation, tuple(fingers))
+        upright = replace(sensor, fingers=fingers)
+    else:
+        topics = Topics(node, sensor.orientation)
+        upright = replace(sensor, orientation="")  # as the topics' images are turned already
     options: Any = {"calibration": calibration, "first_pose_sigma": sigma, "is_view_known": topics.view.is_stated}
     tracker = Tracker(outline, upright, first_pose, settings, model, **options)
     sources = Sources(topics.images, topics.poses, topics.now, upright, topics.placement.time_offset)
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))
     session.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in session.counts.items()))
+
+
+def _sensor(words: str, mounts: str | None) -> SensorProfile | Hand:
+    """Return a sensor, or with the mounts of its fingers in words a hand."""
+    return known_sensor(words) if mounts is None else hand_in_words(words, mounts.split())
+
+
+def _calibration(words: str | None) -> Any:
+    """Return the calibration in a file; of a hand, FILE for each FINGER= with commas."""
+    if words is None:
+        return None
+    if "=" not in words:
+        return load_calibration(words)
+    return {finger: load_calibration(file) for finger, file in by_finger("calibration", words).items()}
 
 
 @contextmanager
@@ -159,10 +182,10 @@ class Topics:
     below the name of the node, whatever that is.
     """
 
-    def __init__(self, node: Any, orientation: str = "") -> None:
-        """Take the node, and the orientation of images if its parameter is not given.
+    def __init__(self, node: Any, orientation: str = "", fingers: Sequence[str] = ()) -> None:
+        """Take the node, the orientation of images if its parameter is not given, and the fingers of a hand.
 
-        Raises SettingError if a parameter is unusable.
+        Raises SettingError if a parameter is unusable, or two fingers have one topic.
         """
         given: dict[str, Any] = {name: _parameter(node, name) for name in ("sensor_T_gel", "time_offset", "plane")}
         stated = {name: value for name, value in given.items() if value}
@@ -172,7 +195,7 @@ class Topics:
         self._node = node
         self._clock = node.get_clock()
         self._start: int = self._clock.now().nanoseconds  # times after it are small enough to resolve nanoseconds
-        self.images = partial(self._messages, IMAGES, ros.IMAGE_TYPES, self._image)
+        self.images = self._images_of(fingers)
         """The source of touch images; raises FileError if they are no colour images."""
         self.poses = partial(self._messages, SENSOR_POSES, ros.POSE_TYPES, self._pose)
         """The source of sensor poses."""
@@ -184,6 +207,20 @@ class Topics:
     def now(self) -> float:
         """Return the time of ROS, which may be simulated [s], after the session's start."""
         return (self._clock.now().nanoseconds - self._start) * 1e-9
+
+    def _images_of(self, fingers: Sequence[str]) -> ImageSource:
+        """Return the source of the sensor's images, or of those of a hand's fingers, each with a topic of its own."""
+        if not fingers:
+            return partial(self._messages, IMAGES, ros.IMAGE_TYPES, self._image)
+        topics: dict[str, str] = {}
+        for finger in fingers:
+            topic = self._node.resolve_topic_name(f"{finger}/{IMAGES}")
+            if topic in topics:
+                raise SettingError(f"fingers {topics[topic]!r} and {finger!r} have one topic, {topic}; allowed are two")
+            topics[topic] = finger
+        return together(
+            {finger: partial(self._messages, f"{finger}/{IMAGES}", ros.IMAGE_TYPES, self._image) for finger in fingers}
+        )
 
     def _messages(
         self, topic: str, types: Collection[str], convert: Callable[[Any], Any], stop: threading.Event

@@ -30,7 +30,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch, TouchReader
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import FirstPose, check_arguments, noise_of_unit
+from palpate.tracker_arguments import FirstPose, check_arguments, noise_of_hand, noise_of_unit
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import Frame, Measurement
@@ -282,7 +282,7 @@ class SeveralFingers:
         }
         self._gate = HandGate(hand, calibrations, self._readers, settings.markers == "auto")
         self._hand = hand
-        noise = noise_of_unit(settings.noise, None, 0.0, set_up_sigma)
+        noise = noise_of_hand(settings.noise, set_up_sigma, len(hand.fingers))
         of_fingers = [
             noise_of_unit(
                 settings.noise, calibrations.get(name), 0.0 if name in units.touch else sensor.pixel_pitch_sigma

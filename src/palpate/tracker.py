@@ -60,8 +60,9 @@ class Tracker:
         variables and factors: those of pushing, or of a model that extends it.
 
         A hand of several fingers is a `palpate.Hand`, or sensors by name with their `mounts`, hand_T_finger (3,) [m, m,
-        rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out. Images of a
-        hand are taken as upright; unless `is_view_known`, the tracker finds out if two fingers are exchanged.
+        rad]. Then `model`, `calibration` and `touch` are dictionaries by finger, which may leave some out, and
+        `set_up_sigma` is of each finger. Images of a hand are taken as upright; unless `is_view_known`, the tracker
+        finds out if two fingers are exchanged.
 
         The first tracker of a process loads compiled code. Where palpate came without it, the very first takes 30 s to
         compile it.

@@ -116,3 +116,13 @@ def noise_of_unit(
     if set_up_sigma is not None:
         pose = replace(pose, calibration=set_up_sigma)  # pyright: ignore[reportArgumentType]  checked by the settings
     return replace(noise, priors=priors, sensor_pose=pose)
+
+
+def noise_of_hand(noise: NoiseSettings, set_up_sigma: ArrayLike | None, fingers: int) -> NoiseSettings:
+    """Return the noise settings of a hand of so many fingers, each with the stated accuracy of its set-up.
+
+    Each finger has a mounting of its own, so that the mean of their constant offsets is smaller than one of them.
+    """
+    of_one = noise_of_unit(noise, None, 0.0, set_up_sigma)
+    x, y, yaw = (sigma / math.sqrt(fingers) for sigma in of_one.sensor_pose.calibration)
+    return replace(of_one, sensor_pose=replace(of_one.sensor_pose, calibration=(x, y, yaw)))

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from bag_samples import decoded_by_another, push_messages, write_bag
-from view_samples import FRAMES, imaged_push, without_display
+from view_samples import FRAMES, imaged_push, imaged_push_of_hand, without_display
 
 import palpate
 
@@ -321,3 +321,70 @@ def test_options_of_a_camera_that_do_not_go_together(camera, fails):
         taken.bind(("127.0.0.1", port := free_port()))
         assert f"cannot listen on port {port} of 127.0.0.1" in fails(*camera_words(f"udp:{port}"))
     assert camera.opened == camera.released
+
+
+def write_hand() -> palpate.Recording:
+    """Write hand.mcap, at 60 Hz."""
+    hand = replace(imaged_push_of_hand(), time=np.arange(FRAMES) / 60.0)
+    palpate.write_recording(hand, "hand.mcap")
+    return hand
+
+
+def test_a_replayed_hand_is_tracked_and_recorded(run_palpate):
+    push = write_hand()
+    words = ("live", "--tactile", "none", "--replay", "hand.mcap", "--record", "live.mcap", "--json")
+    code, out, err = run_palpate(*words)
+    assert code == 0 and all("further ones are counted" in line for line in err.splitlines())
+    found = json.loads(out)
+    assert (found["images"], found["sensor_poses"]) == (2 * FRAMES, FRAMES)
+    assert found["tracked"] + found["dropped"] + found["without_pose"] + found["left_out"] == 2 * FRAMES
+    assert found["tracked"] > 2
+    kept = palpate.load_recording("live.mcap")
+    assert kept.hand == push.hand and push.images is not None and kept.images is not None
+    for finger, images in push.images.items():
+        assert [image for image in kept.images[finger] if image] == [*images][: len(kept)]
+    assert np.allclose(kept.sensor_pose, push.sensor_pose[: len(kept)], rtol=0.0, atol=1e-9)
+
+
+def hand_words(cameras: str, poses: str) -> tuple[str, ...]:
+    mounts = ("--mounts", "left=0,20mm,0", "right=0,-20mm,0")
+    return ("live", "--tactile", "none", "--camera", cameras, "--poses", poses, *mounts, *OBJECT)
+
+
+def test_two_cameras_are_the_fingers_of_a_hand(json_of, fails):
+    gel = np.full((320, 240, 3), 90, np.uint8)
+    for name, count in (("a", 20), ("b", 10)):
+        Path(name).mkdir()
+        for number in range(count):
+            assert cv2.imwrite(f"{name}/{number}.png", gel + number % 2)
+    port = free_port()
+    with sending(lambda number: pose_packet(), port):
+        found = json_of(*hand_words("left=a,right=b", f"udp:{port}"), "--record", "two.mcap")
+    assert found["images"] == 30 and found["tracked"] > 2
+    kept = palpate.load_recording("two.mcap")
+    assert kept.hand is not None and list(kept.hand.fingers) == ["left", "right"]
+    for cameras, named in (
+        ("left=a,right=a", "a"),
+        ("left=a,thumb=b", "thumb"),
+        ("left=a", "right"),
+        ("a", "--mounts"),
+    ):
+        assert named in fails(*hand_words(cameras, f"udp:{port}"))
+
+
+def test_both_gels_of_a_hand_are_calibrated_at_once(succeeds, fails):
+    write_hand()
+    palpate.write_recording(imaged_push(), "left.mcap")
+    assert succeeds("calibrate", "left.mcap", "--out", "alone.npz")
+    assert "a.npz" in succeeds("calibrate", "hand.mcap", "--out", "left=a.npz,right=b.npz")
+    alone = palpate.load_calibration("alone.npz").background.mean
+    np.testing.assert_allclose(palpate.load_calibration("a.npz").background.mean, alone, atol=1e-3)
+    np.testing.assert_allclose(palpate.load_calibration("b.npz").background.mean, np.flip(alone, 1), atol=1e-3)
+    for out, named in (
+        ("left=c.npz,thumb=d.npz", "thumb"),
+        ("right=c.npz,left=a.npz", "a.npz"),
+        ("left=c.npz,right=c.npz", "right"),
+        ("c.npz", "left="),
+    ):
+        assert named in fails("calibrate", "hand.mcap", "--out", out)
+    assert not Path("c.npz").exists() and not Path("d.npz").exists()

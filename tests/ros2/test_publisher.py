@@ -10,7 +10,7 @@ import pytest
 
 from palpate import Estimate, FrameError, SettingError, ros2
 from palpate.io.ros_messages import POSE, POSE_TYPES, ros_types
-from palpate.live.sources import TimedPose
+from palpate.live.sources import TimedPose, TouchImage
 from palpate.types.estimate import Answer
 
 COVARIANCE = np.diag([4e-6, 9e-6, 1e-4])
@@ -112,6 +112,33 @@ def test_estimates_are_published():
     words = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
     assert [(one["left out"], one["contact"]) for one in words] == [("3", "true")] * 2
     assert [one["reason"] for one in words] == ["2 poses fit", ""]
+
+
+class RemappedNode(FakeNode):
+    """A node whose topics are remapped to one."""
+
+    def resolve_topic_name(self, topic: str) -> str:
+        return "/camera/image" if topic.endswith("image") else super().resolve_topic_name(topic)
+
+
+def test_each_finger_of_a_hand_has_a_topic_of_its_own():
+    stamp = ros_types("cdr").types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    pixels = np.arange(12, dtype=np.uint8)
+    image = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp, frame_id=""), height=2, width=2, step=6, encoding="rgb8", data=pixels
+    )
+    stop = threading.Event()
+    images = ros2.Topics(FakeNode([image], "sensor_msgs/msg/Image"), fingers=("left", "right")).images(stop)
+    came = [next(images) for _ in range(4)]
+    stop.set()
+    notes = sorted(item for item in came if isinstance(item, str))
+    assert [note.split(",")[0] for note in notes] == [
+        "finger left: waiting for /left/image",
+        "finger right: waiting for /right/image",
+    ]
+    assert sorted(item.finger for item in came if isinstance(item, TouchImage)) == ["left", "right"]
+    with pytest.raises(SettingError, match="'left' and 'right' have one topic, /camera/image"):
+        ros2.Topics(RemappedNode([]), fingers=("left", "right"))
 
 
 def test_without_rclpy_it_says_what_to_do(capsys):

@@ -10,6 +10,7 @@ import palpate
 from palpate import DIGIT, ContactDirection, Disc, Frame, FrameError, Rectangle, SensorProfile, SettingError, Tracker
 
 TIP = SensorProfile("round tip", radius=0.02)
+CAMERA = SensorProfile("small", radius=0.01, half_width=0.006, image_height=40, image_width=30)
 MOUNTS = {"left": (0.0, 0.02, 0.0), "right": (0.0, -0.02, 0.0)}
 BOX = Rectangle(0.12, 0.1)
 SIGMA = (3e-3, 3e-3, 0.05)
@@ -167,6 +168,54 @@ def test_images_that_come_late_are_named():
     assert "left" in reason
     assert "200 ms" in reason
     assert "right" not in reason
+
+
+def test_a_rough_start_keeps_its_likely_places_with_fingers_as_stated_and_exchanged():
+    rough = {"first_pose_sigma": (0.03, 0.03, 1.8), "is_view_known": False}
+    tracker = hand(first=np.zeros(3), touch={"left": Directions()}, **rough)
+    frames = [
+        Frame(frame.time, frame.sensor_pose, contacts={"left": k >= 10, "right": False})
+        for k, (frame, _) in enumerate(push(12))
+    ]
+    last = updated(tracker, frames)[-1]
+    assert len(last.answers) > 40  # of a hundred of much the same weight, of which the right one is any
+    assert last.status in ("ambiguous", "uncertain")
+
+
+def pinching(way: np.ndarray, **of_finger: Any) -> list[Frame]:
+    """Frames of a gripper around a box that touches from frame 20 on, moved by `way` (N,) [m] along x and y."""
+    frames = []
+    for k, moved in enumerate(way):
+        given: Any = {name: {"left": values[k], "right": values[k]} for name, values in of_finger.items()}
+        frames.append(Frame(k / 30.0, np.array([moved, moved, 0.0]), **given))
+    return frames
+
+
+GRIPPER = {"left": (0.0, 0.05, -0.5 * np.pi), "right": (0.0, -0.05, 0.5 * np.pi)}
+WAY = np.concatenate([np.zeros(30), np.linspace(0.0, 0.03, 40)])
+
+
+def test_fingers_that_face_each_other_may_move_back_and_sideways():
+    rng = np.random.default_rng(8)
+    images = rng.normal(90.0, 1.0, (len(WAY), 40, 30, 3))
+    images[20:, 10:30, 8:22] += 60.0
+    tracker = Tracker(
+        BOX, dict.fromkeys(GRIPPER, CAMERA), np.zeros(3), palpate.TrackerSettings(tactile="none"), mounts=GRIPPER
+    )
+    estimates = updated(tracker, pinching(WAY, images=images.clip(0, 255).astype(np.uint8)))
+    assert [estimate.contact for estimate in estimates] == [k >= 20 for k in range(len(WAY))]
+    assert not any("of its own frame" in estimate.reason for estimate in estimates)
+    np.testing.assert_allclose(estimates[-1].pose[:2], 0.03, atol=4e-3)  # it comes along
+
+
+def test_an_object_between_two_fingers_may_come_along_or_slide():
+    tracker = Tracker(BOX, dict.fromkeys(GRIPPER, TIP), np.zeros(3), first_pose_sigma=SIGMA, mounts=GRIPPER)
+    last = updated(tracker, pinching(WAY, contacts=np.arange(len(WAY)) >= 20))[-1]
+    for along in (0.03, 0.02):
+        off = last.pose - (along, 0.03, 0.0)
+        assert off @ np.linalg.solve(last.covariance, off) < 7.8
+    assert math.sqrt(last.covariance[1, 1]) < 1.5e-3  # across the fingers
+    assert last.status == "uncertain"
 
 
 @pytest.mark.parametrize(

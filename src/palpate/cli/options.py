@@ -5,6 +5,7 @@ help from the docstrings. Nothing heavy is imported before a method is called, s
 that Python has too are in `palpate.types.choices`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
@@ -227,27 +228,18 @@ class Bag:
         recording, plane = palpate.read_bag(file, shape, self.choices, self.hand() or known_sensor(self.sensor))
         return palpate.BagReading(recording.warned(warnings), plane)
 
-    def hand(self) -> "palpate.Hand | None":
-        """Return the hand that the options describe; None for one sensor. Raises SettingError."""
-        from palpate.types.hand import by_finger
+    def hand(self, cameras: str | None = None) -> "palpate.Hand | None":
+        """Return the hand that the options describe; None for one sensor. Raises SettingError.
 
-        mounts: Any = {}
-        for word in self.mounts:
-            finger, _, numbers = word.partition("=")
-            cells = numbers.split(",")
-            try:
-                kinds = (LENGTH, LENGTH, ANGLE)
-                mounts[finger] = tuple(quantity(cell, kind) for cell, kind in zip(cells, kinds, strict=True))
-            except (SettingError, ValueError) as error:
-                raise SettingError(f"--mounts: found {word!r}; allowed is FINGER=X,Y,YAW, as left=0,20mm,0") from error
-        topics = self.choices.images or ""
-        if not mounts and "=" not in self.sensor and "=" not in topics:
+        Its images are those of topics, or come from `cameras`.
+        """
+        images = cameras or self.choices.images or ""
+        if not self.mounts and "=" not in self.sensor and "=" not in images:
             return None
-        if not mounts or "=" not in topics:
-            needed = "--mounts left=X,Y,YAW right=X,Y,YAW and --images left=TOPIC,right=TOPIC"
-            raise SettingError(f"a hand in a bag needs both {needed}")
-        sensors: Any = by_finger("sensor", self.sensor) if "=" in self.sensor else dict.fromkeys(mounts, self.sensor)
-        return palpate.Hand(sensors, mounts)
+        if not self.mounts or "=" not in images:
+            needed = "--camera left=0,right=1" if cameras else "--images left=TOPIC,right=TOPIC"
+            raise SettingError(f"a hand needs both --mounts left=X,Y,YAW right=X,Y,YAW and {needed}")
+        return hand_in_words(self.sensor, self.mounts)
 
     def _missing(self, file: Path) -> str:
         """Return a sentence on all that a bag needs which is not given: the object, and topics of several."""
@@ -269,3 +261,22 @@ class Workers:
     """Processes on this machine."""
     dask: Annotated[str | None, arg("ADDRESS", "none")] = None
     """Address of the scheduler of a Dask cluster, which sees the same files."""
+
+
+def hand_in_words(sensor: str, mounts: Sequence[str]) -> "palpate.Hand":
+    """Return a hand of mounts FINGER=X,Y,YAW, and of one sensor for all fingers or FINGER=SENSOR with commas.
+
+    Raises SettingError on other words.
+    """
+    from palpate.types.hand import by_finger
+
+    placed: Any = {}
+    for word in mounts:
+        finger, _, numbers = word.partition("=")
+        try:
+            kinds = (LENGTH, LENGTH, ANGLE)
+            placed[finger] = tuple(quantity(cell, kind) for cell, kind in zip(numbers.split(","), kinds, strict=True))
+        except (SettingError, ValueError) as error:
+            raise SettingError(f"mounts: found {word!r}; allowed is FINGER=X,Y,YAW, as left=0,20mm,0") from error
+    sensors: Any = by_finger("sensor", sensor) if "=" in sensor else dict.fromkeys(placed, sensor)
+    return palpate.Hand(sensors, placed)

@@ -290,7 +290,7 @@ def calibrate(
 
     Args:
         file: A recording with images, whose first half second is untouched.
-        out: File of the calibration.
+        out: File of the calibration; of a hand left=LEFT.npz,right=RIGHT.npz, of the untouched gels in its FILE.
         presses: Three or more presses, better five, which also show errors of directions and places: a CSV of images
             (column file) at known contact angles (column angle_deg) or places along the pad's width (column place_mm)
             or, with the column file alone, by hand in order from -y to +y, which finds left and right only.
@@ -311,8 +311,9 @@ def calibrate(
     from palpate.touch.touch_model import shipped_model
     from palpate.types.sensor_file import write_sensor
 
-    if (file and untouched) or not (file or untouched or pushes):
-        raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
+    if "=" in str(out):
+        return _calibrate_hand(file, str(out), orientation, bool(untouched or ruler or presses or pushes), force)
+    _check_sources(file, untouched, pushes)
     figure = out.with_suffix(".png") if pushes else None
     _check_outputs(out, figure, force)
     pushed = [_of_one_sensor(palpate.load_recording(path, orientation)) for path in pushes]
@@ -353,10 +354,47 @@ def calibrate(
     return Report("calibration", numbers | about_calibration(calibration), notes=notes)
 
 
+def _check_sources(file: Path | None, untouched: Sequence[Path], pushes: Sequence[Path]) -> None:
+    """Raise SettingError unless there are images of an untouched gel, and of one source."""
+    if (file and untouched) or not (file or untouched or pushes):
+        raise SettingError("calibrate: give either a recording or --untouched images, also with --ruler or --presses")
+
+
+def _calibrate_hand(file: Path | None, out: str, orientation: str, has_more: bool, force: bool) -> Report:
+    """Write the untouched gel of each finger of a hand into a file of its own. Raises PalpateError, writing none."""
+    from palpate.pipeline.push_calibration import first_images
+    from palpate.touch.background import background_of
+    from palpate.touch.calibration import write_calibration
+    from palpate.types.hand import by_finger, check_names
+
+    if file is None or has_more:
+        raise SettingError(
+            f"--out {out}: is of a hand, which takes a recording alone; untouched images, rulers, presses and pushes "
+            "are of one unit: calibrate each finger by itself with them"
+        )
+    files = {finger: Path(name) for finger, name in by_finger("--out", out).items()}
+    for path in files.values():
+        _check_outputs(path, None, force)
+    recording = palpate.load_recording(file, orientation)
+    if recording.hand is None:
+        raise SettingError(f"{file}: is of one sensor; allowed is --out UNIT.npz")
+    check_names("--out", files, recording.hand.fingers)
+    made: dict[str, palpate.Calibration] = {}
+    for finger in files:
+        still = list(first_images(recording, finger))
+        with in_file(file), in_file(f"finger {finger}"):
+            check_still(still, repeat(file))
+            made[finger] = palpate.Calibration(background_of(still))
+    for finger, path in files.items():
+        write_calibration(made[finger], path, overwrite=force)
+    about = {finger: {"out": str(files[finger]), **about_calibration(each)} for finger, each in made.items()}
+    return Report("calibrations", {"file": str(file), "fingers": about})
+
+
 def _of_one_sensor(recording: "palpate.Recording") -> "palpate.Recording":
     """Return a recording. Raises SettingError if it is of a hand."""
     if recording.hand is not None:
-        raise SettingError(f"{recording.file}: is of a hand; calibrate takes recordings of one sensor")
+        raise SettingError(f"{recording.file}: is of a hand; of one, allowed is --out left=LEFT.npz,right=RIGHT.npz")
     return recording
 
 

@@ -1,7 +1,7 @@
 """`palpate track`, `live` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -202,7 +202,8 @@ def live(
     Example: palpate live --camera 0 --poses udp:5005 --shape rectangle --first-pose 0.1 0 0.3
 
     Args:
-        camera: Camera of the --sensor, by default a DIGIT, or a video or a folder of images in its place.
+        camera: Camera of the --sensor, by default a DIGIT, or a video or a folder of images in its place; of a hand,
+            with --mounts, left=0,right=1.
         poses: Sensor poses: JSON by UDP on this machine.
         replay: A recording or a bag, played in real time.
         record: Record images, sensor poses and estimates; a kill loses at most the last second.
@@ -220,8 +221,6 @@ def live(
     if record:
         new_file(record, force)
     model, unit = touch.load(touch.tactile)
-    if isinstance(unit, Mapping) or bag.hand() is not None:
-        raise SettingError("live takes one camera; a hand of several fingers is tracked from recordings and in Python")
     load_estimator()  # before images come
     with ExitStack() as stack:
         if replay is None:
@@ -264,21 +263,27 @@ class _LiveSetting:
 
 def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: Bag) -> _LiveSetting:
     """Open a camera and a source of poses, which the stack closes. Raises SettingError on missing or wrong options."""
-    from palpate.live.camera import camera_sources
+    from palpate.live.camera import camera_sources, hand_sources
+    from palpate.types.hand import by_finger
     from palpate.types.sensor_file import known_sensor
 
     first, sigma = start.pose_and_sigma()
     if bag.shape is None or first is None:
         raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
-    given = Bag(bag.shape, bag.shape_unit, bag.shape_layer, bag.sensor, choices=BagOptions(**placement))
+    given = Bag(bag.shape, bag.shape_unit, bag.shape_layer, bag.sensor, bag.mounts, BagOptions(**placement))
     if bag != given:
-        names = ("shape", "shape_unit", "shape_layer", "sensor", *placement)
+        names = ("shape", "shape_unit", "shape_layer", "sensor", "mounts", *placement)
         words = ", ".join(f"--{name.replace('_', '-')}" for name in names)
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
     shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
+    hand = bag.hand(camera)
     with progress_bar("looking for images and poses"):
-        sources = stack.enter_context(camera_sources(camera, poses, known_sensor(bag.sensor), bag.choices))
+        if hand is None:
+            opened = camera_sources(camera, poses, known_sensor(bag.sensor), bag.choices)
+        else:
+            opened = hand_sources(by_finger("--camera", camera), poses, hand, bag.choices)
+        sources = stack.enter_context(opened)
     return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)
 
 
@@ -289,8 +294,6 @@ def _replay_setting(file: Path, start: Start, bag: Bag) -> _LiveSetting:
 
     given_pose, given_sigma = start.pose_and_sigma()
     recording = bag.read(file).recording
-    if recording.hand is not None:
-        raise SettingError(f"{file}: is of a hand; live takes one camera, and palpate track several")
     sources = replayed(recording)
     first, sigma = first_pose_of_recording(recording, palpate.NoiseSettings(), given_pose, given_sigma)
     return _LiveSetting(file.name, sources, recording.shape, first, sigma)

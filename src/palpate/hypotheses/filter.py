@@ -21,7 +21,7 @@ from palpate.hypotheses.bank import HypothesisBank
 from palpate.hypotheses.consistency import ConsistencyMonitor, Tip
 from palpate.hypotheses.outline_places import is_round, outline_places
 from palpate.hypotheses.posterior import Circumstances, Posterior, Tolerance, Touching, posterior_of
-from palpate.hypotheses.proposals.contact_places import MOST_PLACES, is_rough
+from palpate.hypotheses.proposals.contact_places import is_rough, most_of_rough_start
 from palpate.hypotheses.proposals.first_contact import propose_first_contact
 from palpate.hypotheses.proposals.mirrored import decide_mirrored, propose_mirrored, takes_images_as
 from palpate.hypotheses.proposals.rough_start import propose_rough_start
@@ -87,7 +87,7 @@ class MultiHypothesisFilter:
         self._own = OwnMeasurements(model=compiled.model)
         self._graph = Graph(self._settings_record, model, self._own, compiled)
         # Places of a hand with its fingers as stated must not crowd out those with its fingers exchanged.
-        self._most_unfound = 2 * MOST_PLACES if model.fingers else MOST_PLACES
+        self._most_unfound = most_of_rough_start(model) * (2 if model.fingers else 1)
         self._may_be_mirrored = may_be_mirrored and self._most > 1
         self.is_mirrored = False
         """True if touch images are taken as turned by half a turn or mirrored, of a hand as of exchanged fingers."""

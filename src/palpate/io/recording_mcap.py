@@ -73,6 +73,16 @@ def _plain_hand(hand: Hand) -> dict[str, Any]:
     return plain | {"fingers": {name: _plain(finger) for name, finger in plain["fingers"].items()}}
 
 
+def about_hand(hand: Hand) -> dict[str, str]:
+    """Return the metadata of a hand."""
+    return {"version": HAND_VERSION, "hand": json.dumps(_plain_hand(hand))}
+
+
+def image_topic(finger: str) -> str:
+    """Return the topic of the images of a hand's finger."""
+    return f"{FINGERS}{finger}/image/compressed"
+
+
 def write_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
     """Write a recording, whole or not at all; an existing file is replaced only if `overwrite`. Raises FileError."""
     if not isinstance(recording, Recording):
@@ -83,7 +93,7 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     about = {name: json.dumps(np.asarray(value).tolist()) for name, value in stated.items() if value is not None}
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     if recording.hand is not None:
-        about |= {"version": HAND_VERSION, "hand": json.dumps(_plain_hand(recording.hand))}
+        about |= about_hand(recording.hand)
         arrays |= _finger_arrays(recording)
     arrays |= {f"extra/{name}": value for name, value in recording.extra.items()}
     with ros.new_mcap(path, overwrite) as file:
@@ -116,7 +126,7 @@ def _messages_of_fingers(recording: Recording, hand: Hand, index: int, stamp: in
             taken = stamp
             if recording.image_times is not None and finger in recording.image_times:
                 taken = round(float(recording.image_times[finger][index]) * 1e9)
-            messages[f"{topic}/image/compressed"] = ros.stamped_image(taken, recording.images[finger][index])
+            messages[image_topic(finger)] = ros.stamped_image(taken, recording.images[finger][index])
         if recording.contacts is not None and finger in recording.contacts:
             messages[f"{topic}/contact"] = ros.message(ros.BOOL, data=bool(recording.contacts[finger][index]))
         messages[f"{topic}/pose"] = ros.stamped_pose(stamp, flat(), pose)
@@ -154,8 +164,10 @@ def read_recording(path: Path | str) -> Recording:
             # Of a live session: each image gets the sensor's pose at its time. The time of recording is taken, which
             # equals that in the header: a replay may begin at 0 s, which in a header means no stamp.
             orientation = "upright" if about.get("is_view_known") == "true" else ""
-            choices = BagChoices(orientation, images=IMAGES, sensor_poses=SENSOR_POSES, clock="log")
-            return read_bag(path, shape, choices, sensor).recording
+            topics = {name: image_topic(name) for name in hand.fingers} if hand else {}
+            images = ",".join(f"{name}={topic}" for name, topic in topics.items()) or IMAGES
+            choices = BagChoices(orientation, images=images, sensor_poses=SENSOR_POSES, clock="log")
+            return read_bag(path, shape, choices, hand or sensor).recording
         arrays = {name.removeprefix(ARRAYS).removesuffix(".npy"): _parsed(name, data) for name, data in files.items()}
         for name in ("time", "sensor_pose"):
             if name not in arrays:
@@ -182,7 +194,7 @@ def _finger_fields(hand: Hand, arrays: Mapping[str, Any], images: Mapping[str, l
     for name, array in arrays.items():
         _, finger, field = name.split("/", 2)
         fields.setdefault(field, {})[finger] = array
-    of_fingers = {name: images.get(f"{FINGERS}{name}/image/compressed") for name in hand.fingers}
+    of_fingers = {name: images.get(image_topic(name)) for name in hand.fingers}
     of_fingers = {name: each for name, each in of_fingers.items() if each is not None}
     return fields | ({"images": of_fingers} if of_fingers else {})
 

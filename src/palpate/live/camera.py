@@ -2,21 +2,22 @@
 
 import os
 import threading
-from collections.abc import Generator, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from itertools import islice, takewhile
 from pathlib import Path
 from time import sleep, time
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from palpate.errors import FileError, SettingError
 from palpate.files import counting_order
 from palpate.hints import library
-from palpate.live.sources import Clock, Image, Sources, TouchImage, clock_from, udp_poses
+from palpate.live.sources import Clock, Image, ImageSource, Sources, TouchImage, clock_from, together, udp_poses
 from palpate.types.choices import Placement
+from palpate.types.hand import Hand, check_names
 from palpate.types.images import CameraView, camera_view, read_image, scaled
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
@@ -31,12 +32,61 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Plac
 
     Raises SettingError if the camera or the source cannot be opened.
     """
+    now = _clock()
+    opened = _opened(name, sensor, placement, now)
+    with closing(opened.pictures), udp_poses(poses, now, GelPoses(placement)) as source:
+        yield Sources(
+            opened.images, source, now, opened.sensor, placement.time_offset, _view(sensor, placement).is_stated
+        )
+
+
+@contextmanager
+def hand_sources(cameras: Mapping[str, str], poses: str, hand: Hand, placement: Placement) -> Iterator[Sources]:
+    """Open a camera for each finger of a hand, see `camera_sources`, and a source of the hand's poses."""
+    check_names("--camera", cameras, hand.fingers)
+    missing = [finger for finger in hand.fingers if finger not in cameras]
+    if missing:
+        raise SettingError(f"--camera: finger {missing[0]!r} has none; allowed is one for each")
+    now = _clock()
+    with ExitStack() as stack:
+        opened: dict[str, _Opened] = {}
+        for finger, sensor in hand.fingers.items():
+            opened[finger] = _opened(cameras[finger], sensor, placement, now)
+            stack.enter_context(closing(opened[finger].pictures))
+        source = stack.enter_context(udp_poses(poses, now, GelPoses(placement)))
+        images = together({finger: each.images for finger, each in opened.items()})
+        seen = replace(hand, fingers={finger: each.sensor for finger, each in opened.items()})
+        is_stated = all(_view(sensor, placement).is_stated for sensor in hand.fingers.values())
+        yield Sources(images, source, now, seen, placement.time_offset, is_stated)
+
+
+class _Opened(NamedTuple):
+    """A camera that is open, or a video or folder in its place."""
+
+    images: ImageSource
+    pictures: Pictures
+    """Its pictures, to be closed."""
+    sensor: SensorProfile
+    """The sensor, with the rate that was found; its images are upright."""
+
+
+def _clock() -> Clock:
+    """Return a clock that shows the time since 1970 [s]."""
     now = clock_from(time())
     now()  # it shows the time above when it is first read
+    return now
+
+
+def _view(sensor: SensorProfile, placement: Placement) -> CameraView:
+    """Return how the images of a sensor lie."""
+    return camera_view(placement.orientation or sensor.orientation)
+
+
+def _opened(name: str, sensor: SensorProfile, placement: Placement, now: Clock) -> _Opened:
+    """Return a camera that is opened by its number or path; see `camera_sources`."""
     path = Path(f"/dev/video{name}" if name.isdecimal() else name)
     is_film = path.is_dir() or path.is_file()
     orientation = placement.orientation or sensor.orientation
-    view = camera_view(orientation)
     open_images = film if is_film else camera
     rate, pictures = open_images(path, sensor, now)
     first = 0 if is_film else 5  # the first images of a camera are old ones, from the driver's buffer
@@ -49,10 +99,7 @@ def camera_sources(name: str, poses: str, sensor: SensorProfile, placement: Plac
         if not is_film:
             yield "the camera is lost, which ends the session"
 
-    with closing(pictures), udp_poses(poses, now, GelPoses(placement)) as source:
-        yield Sources(
-            images, source, now, replace(sensor, rate=rate, orientation=""), placement.time_offset, view.is_stated
-        )
+    return _Opened(images, pictures, replace(sensor, rate=rate, orientation=""))
 
 
 def camera(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures]:

@@ -11,10 +11,11 @@ import threading
 import time
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, partial
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from palpate.arrays import Array, Image
 from palpate.errors import FileError, FrameError, SettingError
 from palpate.geometry import se2
 from palpate.io.recording import Recording
+from palpate.types.hand import Hand
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import GelPoses
 
@@ -43,6 +45,8 @@ class TouchImage(NamedTuple):
     """Time on the session's clock [s]."""
     data: bytes | Image
     """Encoded bytes, or pixels (height, width, 3) RGB."""
+    finger: str = ""
+    """Name of the finger of a hand; empty for one sensor."""
 
 
 class TimedPose(NamedTuple):
@@ -67,12 +71,45 @@ class Sources:
     """Poses of the sensor."""
     now: Clock
     """Their common clock."""
-    sensor: SensorProfile
-    """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them."""
+    sensor: SensorProfile | Hand
+    """The sensor, with the rate of its images, and their size as they arrive, before a calibration turns them; or the
+    hand, whose fingers each have their images."""
     time_offset: float = 0.0
     """Added to the times of images [s]: negative if they are stamped late."""
     is_view_known: bool = False
     """True if `orientation` said how images lay, so that they are upright for sure."""
+
+
+def together(by_finger: Mapping[str, ImageSource]) -> ImageSource:
+    """Return the images of a hand's fingers as one source, which ends when all of them have ended.
+
+    What one of them raises comes with the finger's name before it.
+    """
+
+    def images(stop: threading.Event) -> Iterator[TouchImage | str]:
+        arrived: SimpleQueue[TouchImage | str | Exception | None] = SimpleQueue()
+
+        def read(finger: str, source: ImageSource) -> None:
+            try:
+                for item in source(stop):
+                    arrived.put(f"finger {finger}: {item}" if isinstance(item, str) else item._replace(finger=finger))
+            except Exception as error:
+                arrived.put(error)
+            arrived.put(None)
+
+        for finger, source in by_finger.items():
+            threading.Thread(target=read, args=(finger, source), daemon=True).start()
+        left = len(by_finger)
+        while left:
+            item = arrived.get()
+            if isinstance(item, Exception):
+                raise item
+            if item is None:
+                left -= 1
+            else:
+                yield item
+
+    return images
 
 
 class PoseTrack:
@@ -122,26 +159,33 @@ class PoseTrack:
 def replayed(recording: Recording) -> Sources:
     """Return sources that play a recording in real time, with its own times, from 0 s if it begins before that.
 
-    Raises SettingError if it has no images.
+    Those of a hand come at the times of their frames. Raises SettingError if it has no images, or poses of fingers.
     """
-    images = recording.image
-    if images is None:
-        raise SettingError(f"{recording.file or 'the recording'}: has no images, and live tracking needs them")
+    name = recording.file or "the recording"
+    by_finger = {"": recording.image} if recording.hand is None else recording.images or {}
+    images = {finger: each for finger, each in by_finger.items() if each is not None}
+    if not images:
+        raise SettingError(f"{name}: has no images, and live tracking needs them")
+    if recording.finger_poses is not None:
+        raise SettingError(f"{name}: has poses of fingers; live takes those of the hand, to which fingers are mounted")
     with suppress(FileError):
         recording[0]  # loads OpenCV before the session, not in its first step
     times = (recording.time - min(recording.time[0], 0.0)).tolist()
     now = clock_from(times[0] - 0.05)  # a moment for the threads to start
 
     def play(kind: Any, values: Iterable[Any], stop: threading.Event) -> Iterator[Any]:
-        """Yield each value when the clock reaches its time."""
+        """Yield each value when the clock reaches its time; an image of no bytes is none."""
         for when, value in zip(times, values, strict=True):
             if stop.wait(max(0.0, when - now())):
                 return
-            yield kind(when, value)
+            if len(value):
+                yield kind(when, value)
 
-    play_images = partial(play, TouchImage, images)
+    played: dict[str, ImageSource] = {finger: partial(play, TouchImage, each) for finger, each in images.items()}
+    play_images = together(played) if recording.hand else played[""]
     play_poses = partial(play, TimedPose, recording.sensor_pose)
-    return Sources(play_images, play_poses, now, recording.sensor, is_view_known=recording.is_view_known)
+    sensor = recording.hand or recording.sensor
+    return Sources(play_images, play_poses, now, sensor, is_view_known=recording.is_view_known)
 
 
 @contextmanager

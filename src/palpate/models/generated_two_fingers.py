@@ -111,7 +111,9 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, out
     t4 = now_moved**2
     t5 = settings.sticking.share**2*t4 + t3
     t7 = side(now_sliding)
-    t6 = t5*((settings.sticking.sliding_share**2*t4 + t3)/t5)**(now_sliding*t7)
+    t8 = t5*((settings.sticking.sliding_share**2*t4 + t3)/t5)**(now_sliding*t7)
+    t9 = 1.0*now.pinched**2*t4 + t3
+    t10 = larger(t8, t9)
     out.residual[0] = before_finger_x*before_g_cos - before_finger_y*before_g_sin + before.g[0] + now_material_x*t0 - now_material_y*t1 + now.touch_of[0].normal.imag*t2 - now.touch_of[0].point.real
     out.residual[1] = before_finger_x*before_g_sin + before_finger_y*before_g_cos + before.g[1] + now_material_x*t1 + now_material_y*t0 - now.touch_of[0].normal.real*t2 - now.touch_of[0].point.imag
     out.jacobian[0, 0] = before_g_cos
@@ -126,7 +128,7 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, out
     out.jacobian[1, 6] = now_material_x_by_g0*t1 + now_material_y_by_g0*t0 - now.touch_of[0].normal_by_g[0].real*t2 - now.touch_of[0].point_by_g[0].imag
     out.jacobian[1, 7] = now_material_x_by_g1*t1 + now_material_y_by_g1*t0 - now.touch_of[0].normal_by_g[1].real*t2 - now.touch_of[0].point_by_g[1].imag
     out.jacobian[1, 8] = now_material_x_by_g2*t1 + now_material_y_by_g2*t0 - now.touch_of[0].normal_by_g[2].real*t2 - now.touch_of[0].point_by_g[2].imag
-    information0 = 1.0 / (t6)
+    information0 = 1.0 / (t10)
     left = cauchy(information0 * out.residual[0]**2 + information0 * out.residual[1]**2, settings.sticking.kernel)
     out.information[0] = information0
     out.weight[0] = information0 * left
@@ -406,7 +408,9 @@ def sticking_1(before: Records, now: Records, row: Records, settings: Records, o
     t4 = now_moved**2
     t5 = settings.sticking.share**2*t4 + t3
     t7 = side(now_sliding)
-    t6 = t5*((settings.sticking.sliding_share**2*t4 + t3)/t5)**(now_sliding*t7)
+    t8 = t5*((settings.sticking.sliding_share**2*t4 + t3)/t5)**(now_sliding*t7)
+    t9 = 1.0*now.pinched**2*t4 + t3
+    t10 = larger(t8, t9)
     out.residual[0] = before_finger_x*before_g_cos - before_finger_y*before_g_sin + before.g[0] + now_material_x*t0 - now_material_y*t1 + now.touch_of[1].normal.imag*t2 - now.touch_of[1].point.real
     out.residual[1] = before_finger_x*before_g_sin + before_finger_y*before_g_cos + before.g[1] + now_material_x*t1 + now_material_y*t0 - now.touch_of[1].normal.real*t2 - now.touch_of[1].point.imag
     out.jacobian[0, 0] = before_g_cos
@@ -421,7 +425,7 @@ def sticking_1(before: Records, now: Records, row: Records, settings: Records, o
     out.jacobian[1, 6] = now_material_x_by_g0*t1 + now_material_y_by_g0*t0 - now.touch_of[1].normal_by_g[0].real*t2 - now.touch_of[1].point_by_g[0].imag
     out.jacobian[1, 7] = now_material_x_by_g1*t1 + now_material_y_by_g1*t0 - now.touch_of[1].normal_by_g[1].real*t2 - now.touch_of[1].point_by_g[1].imag
     out.jacobian[1, 8] = now_material_x_by_g2*t1 + now_material_y_by_g2*t0 - now.touch_of[1].normal_by_g[2].real*t2 - now.touch_of[1].point_by_g[2].imag
-    information0 = 1.0 / (t6)
+    information0 = 1.0 / (t10)
     left = cauchy(information0 * out.residual[0]**2 + information0 * out.residual[1]**2, settings.sticking.kernel)
     out.information[0] = information0
     out.weight[0] = information0 * left

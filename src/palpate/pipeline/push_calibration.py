@@ -108,10 +108,18 @@ class _Joint(NamedTuple):
     """(N,) weight of each push, at most 1."""
 
 
-def first_images(recording: Recording) -> Iterator[Image]:
-    """Return the images of the first half second of a recording, without those that its flags call touched."""
-    frames = (recording[index] for index in range(min(first_frames(recording.sensor.rate), len(recording))))
-    return (frame.image for frame in frames if frame.image is not None and not frame.contact)
+def first_images(recording: Recording, finger: str = "") -> Iterator[Image]:
+    """Return the images of the first half second of a recording, of a hand those of one of its fingers.
+
+    Those that its flags call touched are left out.
+    """
+    sensor = recording.sensor if recording.hand is None else recording.hand.fingers[finger]
+    for index in range(min(first_frames(sensor.rate), len(recording))):
+        frame = recording[index]
+        image = frame.image if recording.hand is None else (frame.images or {}).get(finger)
+        contact = frame.contact if recording.hand is None else (frame.contacts or {}).get(finger)
+        if image is not None and not contact:
+            yield image
 
 
 class Push(NamedTuple):

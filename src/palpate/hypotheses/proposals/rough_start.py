@@ -10,10 +10,10 @@ import numpy as np
 from palpate.arrays import Array
 from palpate.hypotheses.proposals.contact_places import (
     LOG_ODDS_OF_STAYING,
-    MOST_PLACES,
     BeliefsAtPlaces,
     choose_beliefs,
     is_rough,
+    most_of_rough_start,
 )
 from palpate.hypotheses.proposals.hand_places import leaves_several_places, places_of_contact
 from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
@@ -50,8 +50,9 @@ def propose_rough_start(
     proposed = kept.take(~is_hopeless).joined(_at_places(rows, places))
     proposed = proposed.take(np.argsort(-proposed.log_prior, kind="stable"))
     is_mirror = proposed.touch_sign != rows.touch_sign[0]
-    best = merged(proposed.take(~is_mirror), MOST_PLACES, model)
-    mirrors = merged(proposed.take(is_mirror), MOST_PLACES, model)
+    most = most_of_rough_start(model)
+    best = merged(proposed.take(~is_mirror), most, model)
+    mirrors = merged(proposed.take(is_mirror), most, model)
     return best.joined(mirrors)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from palpate.estimation.factor import Factor
 from palpate.estimation.model import Model
 from palpate.estimation.variable import Variable
-from palpate.manifolds.functions import Scalar
+from palpate.manifolds.functions import Scalar, larger
 from palpate.models.pushing import variables
 from palpate.models.pushing.balance import BALANCE
 from palpate.models.pushing.contact import CONTACT
@@ -23,6 +23,7 @@ from palpate.models.pushing.disturbance import DISTURBED_SLIDE
 from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.place import PLACE
 from palpate.models.pushing.sticking import STICKING
+from palpate.models.pushing.sticking import variance as variance_inside
 from palpate.models.pushing.turn import TURN
 
 _VARIABLES = (
@@ -43,12 +44,25 @@ LOAD_SHARE = 4.0
 """Error of the place of the load between fingers that touch, as a share of the distance between them. It is the same
 over hundreds of steps, so that a smaller number would learn a centre of friction from it."""
 
+PINCH_SHARE = 1.0
+"""Slide of a step at fingers that press the object between them, as a share of their motion. Their force is that of the
+grip, not of the push, and tells nothing of the friction cones: of simulated fingers that pinch, half slide along the
+object at some time, by up to all of their way."""
+
 
 def _variance_of_balance(now: Any, noise: Any, support: Any) -> tuple[Scalar]:
     """Return the variance [m^4] of the limit surface's form, and of how the fingers that touch share the load."""
     form = noise.still**2 + (noise.share * now.moved * support.radius) ** 2
     load = (LOAD_SHARE * now.apart * now.moved) ** 2
     return (form + load,)
+
+
+def _variance_of_sticking(now: Any, noise: Any) -> tuple[Scalar, Scalar]:
+    """Return the variance of a slide [m^2]; see `sticking.variance`, and PINCH_SHARE."""
+    inside, _ = variance_inside(now, noise)
+    pinched = noise.still**2 + (PINCH_SHARE * now.pinched * now.moved) ** 2
+    both = larger(inside, pinched)
+    return both, both
 
 
 @cache
@@ -71,7 +85,7 @@ def hand_model(fingers: int) -> Model:
     hand = replace(
         MODEL,
         factors=first,
-        step_numbers=tuple(name for name in (*MODEL.step_numbers, "touching", "apart") if name != "sunk"),
+        step_numbers=tuple(name for name in (*MODEL.step_numbers, "touching", "apart", "pinched") if name != "sunk"),
         fingers=fingers,
         finger_numbers=("sunk",),
     )
@@ -99,6 +113,7 @@ def _of_finger(factor: Factor, finger: int) -> Factor:
     """Return a factor of a single sensor for a finger."""
     return replace(
         factor,
+        variance=_variance_of_sticking if factor is STICKING else factor.variance,
         name=f"{factor.name}_{finger}",
         finger=finger,
         settings=factor.settings or factor.name,

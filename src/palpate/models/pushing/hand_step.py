@@ -17,6 +17,10 @@ from palpate.models.pushing.force import NEIGHBOURS, eased, make_motion
 from palpate.models.pushing.step import SHARE_OF_SINKING, go_on
 from palpate.models.pushing.variables import GRIP
 
+FACING = 0.5
+"""Length of the mean normal of the fingers that touch below which they press the object between them: those of two are
+then more than 120 degrees apart."""
+
 
 @kernel
 def prepare_hand_step(now: Records, row: Records, surfaces: Any) -> None:
@@ -36,7 +40,7 @@ def prepare_hand_step(now: Records, row: Records, surfaces: Any) -> None:
 
 @kernel
 def _put_touch_of_hand(now: Records) -> None:
-    """Write the mean of the contacts of the fingers that touch, and how far these are apart."""
+    """Write the mean of the contacts of the fingers that touch, how far these are apart, and if they pinch."""
     hand = now.touch
     hand.gap = 0.0
     hand.point = 0.0
@@ -51,6 +55,7 @@ def _put_touch_of_hand(now: Records) -> None:
         count += now.touches[k]
     now.touching = count
     now.apart = 0.0
+    now.pinched = 0.0
     if count == 0.0:
         hand.normal = 1.0
         return
@@ -69,6 +74,7 @@ def _put_touch_of_hand(now: Records) -> None:
         if now.touches[k] > 0.5:
             square += abs(now.touch_of[k].point - hand.point) ** 2 / count
     now.apart = 2.0 * math.sqrt(square)
+    now.pinched = 1.0 if abs(hand.normal) < FACING else 0.0
 
 
 def make_put_hand_force(model: Model) -> Any:
