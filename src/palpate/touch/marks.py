@@ -131,7 +131,7 @@ def _jumps_in_every_other_row(lines: Image, before: Image, jump: int) -> int:
         of_row = np.uint16(0)  # so small that the compiler adds many at a time
         for i in range(lines.shape[1]):
             of_row = np.uint16(of_row + (_distance(lines[row, i], before[row, i]) > np.uint8(jump)))
-        count += of_row
+        count += int(of_row)
     return count
 
 
