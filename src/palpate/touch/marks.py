@@ -109,8 +109,10 @@ def _marks_in(change: NDArray[np.int16], jumped: Flags, changed: Flags, size: tu
 def with_marks(mean: Levels, marks: Flags, image: Image, before: Image) -> Levels:
     """Return the untouched gel (height, width, 3) with marks as they appear from one image to the next."""
     marked = mean.copy()
-    change = image[marks].astype(np.float32) - before[marks]
-    marked[marks] = np.clip(mean[marks] + change, 0.0, 255.0)
+    pixels = marked.reshape(-1, 3)
+    places = np.flatnonzero(marks)
+    change = image.reshape(-1, 3)[places].astype(np.float32) - before.reshape(-1, 3)[places]
+    pixels[places] = np.clip(pixels[places] + change, 0.0, 255.0)
     return marked
 
 

@@ -32,8 +32,7 @@ def closed(pixels: Pixels, width: int) -> Pixels:
 
 def _chosen_near(pixels: Any, width: int, choose: np.ufunc) -> Any:
     """Return the largest or least value in a square about each pixel; there is nothing beyond the border."""
-    beyond = (width // 2, width - 1 - width // 2)
-    chosen = np.pad(pixels, [beyond, beyond, *[(0, 0)] * (pixels.ndim - 2)], mode="edge")
+    chosen = _beyond_the_border(pixels, width // 2, width - 1 - width // 2)
     span = 1  # width of the squares that values are chosen from so far
     while span < width:
         step = min(span, width - span)
@@ -43,14 +42,30 @@ def _chosen_near(pixels: Any, width: int, choose: np.ufunc) -> Any:
     return chosen
 
 
+def _beyond_the_border(pixels: Any, before: int, after: int) -> Any:
+    """Return pixels (height, width, ...) that go on as at the border, so many before the first and after the last.
+
+    NumPy's `pad` takes five times as long.
+    """
+    height, width = pixels.shape[:2]
+    rows = slice(before, before + height)
+    columns = slice(before, before + width)
+    wider = np.empty((before + height + after, before + width + after, *pixels.shape[2:]), pixels.dtype)
+    wider[rows, columns] = pixels
+    wider[:before, columns] = pixels[:1]
+    wider[rows.stop :, columns] = pixels[-1:]
+    wider[:, :before] = wider[:, before : before + 1]
+    wider[:, columns.stop :] = wider[:, columns.stop - 1 : columns.stop]
+    return wider
+
+
 def median_near(image: Image, width: int) -> Image:
     """Return the median (rows, columns, 3) in a square about each pixel, of an odd width [px].
 
     Beyond the border the image goes on as at it.
     """
     rows, columns, _ = image.shape
-    beyond = width // 2
-    padded = np.pad(image, ((beyond, beyond), (beyond, beyond), (0, 0)), mode="edge")
+    padded = _beyond_the_border(image, width // 2, width // 2)
     line = 3 * padded.shape[1]
     shifts = np.array([row * line + 3 * column for row in range(width) for column in range(width)])
     medians = np.empty(rows * line, np.uint8)
