@@ -98,20 +98,14 @@ def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
 
     The result is that of OpenCV's INTER_AREA, in a quarter of the time. Its channels lie apart, see `channels_apart`.
     """
-    means = np.empty((3, rows, columns), np.float32)
-    lines, *room = _lines_and_room(image, columns)
-    write = _area_means_of_pixels if lines.dtype == np.uint8 else _area_means_of_levels
-    write(lines, *room, means)
-    return means.transpose(1, 2, 0)
-
-
-def _lines_and_room(image: Image | Levels, columns: int) -> tuple[Any, Levels, Integers, Levels]:
-    """Return the rows of an image (height, 3 * width), and what else `_put_area_means` needs."""
     height, width, _ = image.shape
     lines = np.ascontiguousarray(image).reshape(height, 3 * width)
+    means = np.empty((3, rows, columns), np.float32)
     weights = np.empty((columns, width // columns + 2), np.float32)
     bounds = np.empty((2, columns), np.int64)
-    return lines, weights, bounds, np.empty(3 * width, np.float32)
+    write = _area_means_of_pixels if lines.dtype == np.uint8 else _area_means_of_levels
+    write(lines, weights, bounds, np.empty(3 * width, np.float32), means)
+    return means.transpose(1, 2, 0)
 
 
 def channels_apart(levels: Levels) -> Levels:
@@ -131,7 +125,7 @@ def compare(
     levels = _by_channel(cells)
     untouched_levels = _by_channel(untouched)
     planes = _median_light(levels, untouched_levels) if start is None else start.copy()
-    changed = _count_changed(levels, untouched_levels, planes, np.empty((3, 4)), _by_channel(tolerances))
+    changed = _fit_and_count_changed(levels, untouched_levels, planes, np.empty((3, 4)), _by_channel(tolerances))
     return changed / cells.size, planes
 
 
@@ -155,22 +149,10 @@ def _median_light(levels: Levels, untouched: Levels) -> Light:
     return planes
 
 
-def change_in_light(cells: Levels, untouched: Levels, light: Light) -> Levels:
-    """Return the change (rows, columns, 3) of cells from the untouched gel's in a light; its channels lie apart."""
-    change = _by_channel(cells).copy()
-    _take_off(change, _by_channel(untouched), light, 1.0)
-    return change.transpose(1, 2, 0)
-
-
-def change_of_areas(image: Image, untouched: Levels, light: Light, unit: float) -> Levels:
-    """Return the change of an image (height, width, 3) from means of the untouched gel (rows, columns, 3) in a light.
-
-    The image's means over areas are rounded to grey levels. The change is in a unit [grey levels]; its channels lie
-    apart.
-    """
-    change = np.empty((3, *untouched.shape[:2]), np.float32)
-    lines, *room = _lines_and_room(image, untouched.shape[1])
-    _change_of_areas(lines, *room, _by_channel(untouched), light, unit, change)
+def change_in_light(image: Levels, untouched: Levels, light: Light) -> Levels:
+    """Return the change (rows, columns, 3) of an image from the untouched gel in a light; its channels lie apart."""
+    change = np.empty((image.shape[2], *image.shape[:2]), np.float32)
+    _put_change(_by_channel(image), _by_channel(untouched), light, change)
     return change.transpose(1, 2, 0)
 
 
@@ -237,37 +219,9 @@ _area_means_of_pixels = compiled(np.zeros((1, 1), np.uint8), *_ROOM, _LEVELS, na
 _area_means_of_levels = compiled(np.zeros((1, 1), np.float32), *_ROOM, _LEVELS, name="means_of_levels")(_put_area_means)
 
 
-_put_means = kernel(_put_area_means)
-
-
-@compiled(np.zeros((1, 1), np.uint8), *_ROOM, _LEVELS, _PLANE, 1.0, _LEVELS)
-def _change_of_areas(
-    lines: Image,
-    weights: Levels,
-    bounds: Integers,
-    line: Levels,
-    untouched: Levels,
-    light: Light,
-    unit: float,
-    change: Levels,
-) -> None:
-    """Write the change of an image from the untouched gel (3, rows, columns) in a light and a unit [grey levels]."""
-    _put_means(lines, weights, bounds, line, change)
-    for channel in change:
-        for row in channel:
-            for column in range(len(row)):
-                row[column] = np.rint(row[column])
-    _subtract(change, untouched, light, unit)
-
-
-@compiled(_LEVELS, _LEVELS, _PLANE, 1.0)
-def _take_off(levels: Levels, untouched: Levels, light: Light, unit: float) -> None:
-    """Take the untouched gel (channels, rows, columns) in a light from levels, and put them in a unit."""
-    _subtract(levels, untouched, light, unit)
-
-
-@kernel
-def _subtract(levels: Levels, untouched: Levels, light: Light, unit: float) -> None:
+@compiled(_LEVELS, _LEVELS, _PLANE, _LEVELS)
+def _put_change(image: Levels, untouched: Levels, light: Light, out: Levels) -> None:
+    """Write an image less the untouched gel (channels, rows, columns) in a light."""
     channels, rows, columns = untouched.shape
     for channel in range(channels):
         plane = light[channel]
@@ -275,12 +229,11 @@ def _subtract(levels: Levels, untouched: Levels, light: Light, unit: float) -> N
             y = _middle(row, rows)
             for column in range(columns):
                 factor = _brightness(plane, _middle(column, columns), y)
-                change = levels[channel, row, column] - factor * untouched[channel, row, column]
-                levels[channel, row, column] = change / np.float32(unit)
+                out[channel, row, column] = image[channel, row, column] - factor * untouched[channel, row, column]
 
 
 @compiled(_LEVELS, _LEVELS, _PLANE, _PLANE, _LEVELS)
-def _count_changed(cells: Levels, untouched: Levels, light: Light, system: Light, tolerance: Levels) -> int:
+def _fit_and_count_changed(cells: Levels, untouched: Levels, light: Light, system: Light, tolerance: Levels) -> int:
     """Fit the light, and return the count of values (channels, rows, columns) off the gel's by over a tolerance.
 
     `light` (channels, 3) is close already; `system` (3, 4) is room.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, SettingError, one_line
 from palpate.files import existing_file, read_json
-from palpate.touch.cells import Light, area_means, change_of_areas, light_in
+from palpate.touch.cells import Light, area_means, change_in_light, light_in
 from palpate.types.sensor_file import known_sensor
 
 Difference = NDArray[np.float32]
@@ -67,9 +67,10 @@ def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference, ligh
     The background is taken in the light of the image, which may have changed; unless the light is known, it is fitted
     to ROWS x ROWS means. The channels lie apart, as the network reads them.
     """
+    reduced_image = reduced(image)
     if light is None:
-        light = light_in(area_means(reduced(image), ROWS, ROWS), area_means(reduced_mean, ROWS, ROWS))
-    return change_of_areas(image, reduced_mean, light, LEVELS)
+        light = light_in(area_means(reduced_image, ROWS, ROWS), area_means(reduced_mean, ROWS, ROWS))
+    return change_in_light(reduced_image, reduced_mean, light) / np.float32(LEVELS)
 
 
 @dataclass(frozen=True)
