@@ -62,8 +62,7 @@ def new_marks(image: Image, before: Image) -> Flags | None:
     flags = np.empty(lines.shape[1], np.bool_)
     _find_changes(lines, lines_before, (_MARK.jump, 9 * EDGE), sums, flags, jumped, changed)
     part = _part_around(changed)
-    change = image[part].astype(np.int16) - before[part]
-    marks = _marks_in(change, jumped[part], changed[part], image.shape[:2])
+    marks = _marks_in(image[part], before[part], jumped[part], changed[part], image.shape[:2])
     if marks is None:
         return None
     changed[:] = False
@@ -80,8 +79,8 @@ def _part_around(changed: Flags) -> tuple[slice, slice]:
     return slice(max(rows[0] - 1, 0), rows[-1] + 2), slice(max(columns[0] - 1, 0), columns[-1] + 2)
 
 
-def _marks_in(change: NDArray[np.int16], jumped: Flags, changed: Flags, size: tuple[int, int]) -> Flags | None:
-    """Return the pixels of marks in the part of an image of this size [px] that has changed; None as `new_marks`."""
+def _marks_in(image: Image, before: Image, jumped: Flags, changed: Flags, size: tuple[int, int]) -> Flags | None:
+    """Return the pixels of marks in the changed part of an image of this size [px]; None as `new_marks` does."""
     cell = cell_width(*size)
     spots = spots_of(changed)
     count = len(spots.area)
@@ -101,7 +100,7 @@ def _marks_in(change: NDArray[np.int16], jumped: Flags, changed: Flags, size: tu
     for spot in np.flatnonzero(are_sharp & (are_thin | are_small)):
         inside = spots.spot_of == spot
         around = largest_near(inside, 2 * round(cell) + 1) & changed
-        if _is_brighter_or_darker(change[around]):
+        if _is_brighter_or_darker(image[around].astype(np.int16) - before[around]):
             marks |= inside
     return largest_near(marks, 3) if marks.any() else None
 
