@@ -34,6 +34,11 @@ def grain(levels: float = 45.0, radius: float = 2.0) -> Array:
     return levels * np.exp(-0.5 * ((COLUMNS - 150) ** 2 + (ROWS - 200) ** 2) / radius**2)
 
 
+def at_the_corner() -> Array:
+    """Return the change by a grain that the image's lower right corner cuts off."""
+    return np.roll(grain(45.0, 3.0), (118, 88), axis=(0, 1))
+
+
 def press(column: float, row: float = 160.0, radius: float = 30.0, levels: float = 60.0) -> Array:
     """Return the change by a ball: bright on one side, dark on the other, with an edge as steep as a gel's skin."""
     right, down = COLUMNS - column, ROWS - row
@@ -58,7 +63,7 @@ def learnt(detector: ContactDetector) -> Array:
     return detector.background.mean - GEL
 
 
-@pytest.mark.parametrize("mark", [scratch(), scratch(40.0, 2.0, 60.0), grain(), grain(-40.0, 3.0)])
+@pytest.mark.parametrize("mark", [scratch(), scratch(40.0, 2.0, 60.0), grain(), grain(-40.0, 3.0), at_the_corner()])
 def test_a_mark_in_a_contact_becomes_part_of_the_untouched_gel_at_once(mark):
     rng = np.random.default_rng(0)
     places = np.linspace(90.0, 110.0, 20)

@@ -56,4 +56,4 @@ class TouchChanges:
             return 0.0
         of_difference = np.sqrt(2.0) * np.maximum(self._noise, CONTACT_DETECTION.least_deviation)
         tolerance = np.asarray(CONTACT_DETECTION.significant * of_difference, np.float32)
-        return compare(self._cells[-1 - last], self._cells[-1 - first], tolerance)
+        return compare(self._cells[-1 - last], self._cells[-1 - first], tolerance)[0]

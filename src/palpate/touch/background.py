@@ -117,7 +117,7 @@ class SteadyImages:
 
 def is_moved(image: Image, other: Image) -> bool:
     """Return true if something moves between two images or they show two gels; a change of light does not count."""
-    changed = compare(cells_of(image), cells_of(other), np.float32(MOVED_LEVELS))
+    changed, _ = compare(cells_of(image), cells_of(other), np.float32(MOVED_LEVELS))
     return changed > CONTACT_DETECTION.start
 
 

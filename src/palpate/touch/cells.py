@@ -113,31 +113,39 @@ def channels_apart(levels: Levels) -> Levels:
     return _by_channel(levels).transpose(1, 2, 0)
 
 
-def compare(cells: Levels, untouched: Levels, tolerance: Levels | np.float32, light: Light | None = None) -> float:
-    """Return the share of values of cells (rows, columns, 3) that differ from the untouched gel's by over a tolerance.
+def compare(
+    cells: Levels, untouched: Levels, tolerance: Levels | np.float32, start: Light | None = None
+) -> tuple[float, Light]:
+    """Return the share of values of cells (rows, columns, 3) off the untouched gel's by over a tolerance.
 
-    The untouched gel is taken in the light of the cells, which is fitted unless it is given.
+    The untouched gel is taken in the light of the cells, which is fitted from `start` on as by `light_in`, and returned
+    as well.
     """
-    if light is None:
-        light = light_in(cells, untouched)
-    tolerances: Levels = np.broadcast_to(tolerance, cells.shape)  # pyright: ignore[reportAssignmentType]
-    return _count_changed(_by_channel(cells), _by_channel(untouched), light, _by_channel(tolerances)) / cells.size
+    tolerances = tolerance if isinstance(tolerance, np.ndarray) else np.full_like(cells, tolerance)
+    levels = _by_channel(cells)
+    untouched_levels = _by_channel(untouched)
+    planes = _median_light(levels, untouched_levels) if start is None else start.copy()
+    changed = _fit_and_count_changed(levels, untouched_levels, planes, np.empty((3, 4)), _by_channel(tolerances))
+    return changed / cells.size, planes
 
 
-def light_in(cells: Levels, untouched: Levels, start: Light | None = None) -> Light:
+def light_in(cells: Levels, untouched: Levels) -> Light:
     """Return the light in cells (rows, columns, 3) relative to the untouched gel's, a plane for each channel.
 
     The planes are fitted robustly, so that a touch of less than half of the pad does not change them. The fit starts at
-    `start`, by default at the median.
+    the median.
     """
     levels = _by_channel(cells)
     untouched_levels = _by_channel(untouched)
-    if start is None:
-        planes = np.zeros((len(levels), 3))
-        planes[:, 0] = np.median(levels / np.maximum(untouched_levels, np.float32(1.0)), axis=(1, 2))
-    else:
-        planes = start.copy()
-    _fit_planes(levels, untouched_levels, planes, np.empty((3, 4)))
+    planes = _median_light(levels, untouched_levels)
+    _fit_light(levels, untouched_levels, planes, np.empty((3, 4)))
+    return planes
+
+
+def _median_light(levels: Levels, untouched: Levels) -> Light:
+    """Return the light in levels (channels, rows, columns) by the median, the same all over the image."""
+    planes = np.zeros((len(levels), 3))
+    planes[:, 0] = np.median(levels / np.maximum(untouched, np.float32(1.0)), axis=(1, 2))
     return planes
 
 
@@ -224,13 +232,17 @@ def _put_change(image: Levels, untouched: Levels, light: Light, out: Levels) -> 
                 out[channel, row, column] = image[channel, row, column] - factor * untouched[channel, row, column]
 
 
-@compiled(_LEVELS, _LEVELS, _PLANE, _LEVELS)
-def _count_changed(cells: Levels, untouched: Levels, light: Light, tolerance: Levels) -> int:
-    """Return the count of values of cells (channels, rows, columns) off the untouched gel's by over a tolerance."""
+@compiled(_LEVELS, _LEVELS, _PLANE, _PLANE, _LEVELS)
+def _fit_and_count_changed(cells: Levels, untouched: Levels, light: Light, system: Light, tolerance: Levels) -> int:
+    """Fit the light, and return the count of values (channels, rows, columns) off the gel's by over a tolerance.
+
+    `light` (channels, 3) is close already; `system` (3, 4) is room.
+    """
     channels, rows, columns = cells.shape
     count = 0
     for channel in range(channels):
         plane = light[channel]
+        _fit_plane(cells[channel], untouched[channel], plane, system)
         for row in range(rows):
             y = _middle(row, rows)
             for column in range(columns):
@@ -265,22 +277,24 @@ _IN_ANY_ORDER = {"reassoc"}
 """Numba's option for a function whose sums may be taken in any order, and so several terms at a time."""
 
 
-@compiled(_LEVELS, _LEVELS, _PLANE, _PLANE, fastmath=_IN_ANY_ORDER)
-def _fit_planes(cells: Levels, untouched: Levels, planes: Light, system: Light) -> None:
-    """Fit the planes (channels, 3) of the light in cells (channels, rows, columns), which are close already.
-
-    `system` (3, 4) is room.
-    """
+@compiled(_LEVELS, _LEVELS, _PLANE, _PLANE)
+def _fit_light(cells: Levels, untouched: Levels, light: Light, system: Light) -> None:
+    """Fit the light (channels, 3) in cells (channels, rows, columns), as `_count_changed` does."""
     for channel in range(len(cells)):
-        plane = planes[channel]
-        for _ in range(MOST_LIGHT_FITS):
-            _sum_normal_equations(cells[channel], untouched[channel], plane, system)
-            _solve(system)
-            step = system[:, 3]
-            for i in range(3):
-                plane[i] += step[i]
-            if max(abs(step[0]), abs(step[1]), abs(step[2])) < SETTLED_LIGHT:
-                break
+        _fit_plane(cells[channel], untouched[channel], light[channel], system)
+
+
+@partial(kernel, fastmath=_IN_ANY_ORDER)
+def _fit_plane(cells: Levels, untouched: Levels, plane: Light, system: Light) -> None:
+    """Fit the plane (3,) of one channel's light, which is close already; `system` (3, 4) is room."""
+    for _ in range(MOST_LIGHT_FITS):
+        _sum_normal_equations(cells, untouched, plane, system)
+        _solve(system)
+        step = system[:, 3]
+        for i in range(3):
+            plane[i] += step[i]
+        if max(abs(step[0]), abs(step[1]), abs(step[2])) < SETTLED_LIGHT:
+            break
 
 
 @partial(kernel, fastmath=_IN_ANY_ORDER)

@@ -17,7 +17,6 @@ from palpate.touch.cells import (
     channels_apart,
     compare,
     is_grey,
-    light_in,
     sparse_pixels,
     wide_cells_of,
 )
@@ -129,13 +128,11 @@ class ContactDetector:
                 self._use(first_background)
             return False
         cells = cells_of(image)
-        light = light_in(cells, self._untouched_cells, self.light)
-        share = self._significant_share(image, cells, light)
+        share, light = self._significant_share(image, cells, self.light)
         self._check_gel(image, cells, share)
         self._check_not_repeated(image)
         if self._takes_marks(image):
-            light = light_in(cells, self._untouched_cells, light)
-            share = self._significant_share(image, cells, light)
+            share, light = self._significant_share(image, cells, light)
         self.share = share
         self.cells = cells
         self.light = light
@@ -196,15 +193,18 @@ class ContactDetector:
         self._use(replace(self.background, mean=with_marks(self.background.mean, marks, image, last)))
         return True
 
-    def _significant_share(self, image: Image, cells: Levels, light: Light) -> float:
-        """Return the share of values that differ significantly from the untouched gel, without that of scratches."""
+    def _significant_share(self, image: Image, cells: Levels, start: Light | None) -> tuple[float, Light]:
+        """Return the share of values that differ significantly from the untouched gel, without that of scratches.
+
+        Return the light as well, the fit of which begins at `start`.
+        """
+        share, light = compare(cells, self._untouched_cells, self._tolerance, start)
         if is_grey(image) != self._is_grey:  # the camera has changed its mode, or sees nothing
-            return 1.0
-        share = compare(cells, self._untouched_cells, self._tolerance, light)
+            return 1.0, light
         if share <= CONTACT_DETECTION.end:
-            return share
+            return share, light
         wide_share = self._share_of_wide_details(image, share, light)
-        return wide_share if wide_share < SCRATCH_SHARE * share else share
+        return (wide_share if wide_share < SCRATCH_SHARE * share else share), light
 
     def _share_of_wide_details(self, image: Image, share: float, light: Light) -> float:
         """Return the share without details as thin as scratches, computed anew only if the whole share has changed."""
@@ -214,8 +214,7 @@ class ContactDetector:
         last = self._shares_last_filtered
         if last is None or abs(share - last[0]) > 0.1 * share:  # a touch adds more
             wide_cells = wide_cells_of(image)
-            of_wide_cells = light_in(wide_cells, self._wide_cells, light)
-            last = (share, compare(wide_cells, self._wide_cells, self._tolerance, of_wide_cells))
+            last = (share, compare(wide_cells, self._wide_cells, self._tolerance, light)[0])
             self._shares_last_filtered = last
         return last[1]
 

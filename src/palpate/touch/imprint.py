@@ -46,7 +46,8 @@ def sunk_with(before: float, difference: Difference, angle: float) -> float:
 
     `difference` (ROWS, COLUMNS, 3) is that from the untouched gel, `angle` the direction read in it [rad].
     """
-    change = float(np.abs(difference).max(axis=2).mean())
+    channels = np.abs(difference.transpose(2, 0, 1))
+    change = float(channels.max(axis=0).mean())
     seen = max(_IMPRINTS.depth * change * math.exp(_IMPRINTS.off_apex * abs(angle)) - _IMPRINTS.usual, 0.0)
     return before + _IMPRINTS.share_of_new * (seen - before)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.arrays import Flags, Image, Levels
-from palpate.compiled import compiled
+from palpate.compiled import compiled, kernel
 from palpate.config import CONTACT_DETECTION
 from palpate.touch.cells import cell_width
 from palpate.touch.neighbours import largest_near, least_near, spots_of
@@ -51,30 +51,56 @@ def new_marks(image: Image, before: Image) -> Flags | None:
 
     None if there are none, or if a touch begins, ends or jumps, so that what is small may be of it.
     """
-    jumps = 2 * _jumps_in_every_other_row(_lines(image), _lines(before), _MARK.jump)
+    lines = _lines(image)
+    lines_before = _lines(before)
+    jumps = 2 * _jumps_in_every_other_row(lines, lines_before, _MARK.jump)
     if not _MARK.least_jumps <= jumps <= _MARK.most_moved * image.size:
         return None  # at once, as for most images
-    change = image.astype(np.int16) - before
-    jumped = _are_above(_MARK.jump, change)
-    changed = _are_above(9 * EDGE, _sum_of_nine(change))
-    cell = cell_width(*changed.shape)
-    width = round(_MARK.thin * cell)
-    inside_wide = least_near(changed, width)
-    wide = largest_near(inside_wide[::-1, ::-1], width)[::-1, ::-1]  # turned, as an even width is off by half a pixel
-    if np.count_nonzero(wide) > _MARK.most_moved * wide.size:
+    jumped = np.empty(image.shape[:2], np.bool_)
+    changed = np.empty(image.shape[:2], np.bool_)
+    sums = np.empty(lines.shape[1] + 6, np.int16)
+    flags = np.empty(lines.shape[1], np.bool_)
+    _find_changes(lines, lines_before, (_MARK.jump, 9 * EDGE), sums, flags, jumped, changed)
+    part = _part_around(changed)
+    marks = _marks_in(image[part], before[part], jumped[part], changed[part], image.shape[:2])
+    if marks is None:
         return None
+    changed[:] = False
+    changed[part] = marks
+    return changed
+
+
+def _part_around(changed: Flags) -> tuple[slice, slice]:
+    """Return the rows and columns with all that has changed, and one more on each side."""
+    rows = np.flatnonzero(changed.any(axis=1))
+    columns = np.flatnonzero(changed.any(axis=0))
+    if not len(rows):
+        return slice(0), slice(0)
+    return slice(max(rows[0] - 1, 0), rows[-1] + 2), slice(max(columns[0] - 1, 0), columns[-1] + 2)
+
+
+def _marks_in(image: Image, before: Image, jumped: Flags, changed: Flags, size: tuple[int, int]) -> Flags | None:
+    """Return the pixels of marks in the changed part of an image of this size [px]; None as `new_marks` does."""
+    cell = cell_width(*size)
     spots = spots_of(changed)
     count = len(spots.area)
     jumps_of = np.bincount(spots.spot_of[jumped], minlength=count)
-    are_thin = np.bincount(spots.spot_of[wide], minlength=count) == 0
-    are_small = (spots.extent <= _MARK.small * cell).all(axis=1)
     are_sharp = (jumps_of >= _MARK.least_jumps) & (jumps_of > _MARK.sharp * spots.area)
     are_sharp[0] = False  # all that has not changed
+    if not are_sharp.any():
+        return None
+    width = round(_MARK.thin * cell)
+    inside_wide = least_near(changed, width)
+    wide = largest_near(inside_wide[::-1, ::-1], width)[::-1, ::-1]  # turned, as an even width is off by half a pixel
+    if np.count_nonzero(wide) > _MARK.most_moved * size[0] * size[1]:
+        return None
+    are_thin = np.bincount(spots.spot_of[wide], minlength=count) == 0
+    are_small = (spots.extent <= _MARK.small * cell).all(axis=1)
     marks = np.zeros_like(changed)
     for spot in np.flatnonzero(are_sharp & (are_thin | are_small)):
         inside = spots.spot_of == spot
         around = largest_near(inside, 2 * round(cell) + 1) & changed
-        if _is_brighter_or_darker(change[around]):
+        if _is_brighter_or_darker(image[around].astype(np.int16) - before[around]):
             marks |= inside
     return largest_near(marks, 3) if marks.any() else None
 
@@ -82,8 +108,11 @@ def new_marks(image: Image, before: Image) -> Flags | None:
 def with_marks(mean: Levels, marks: Flags, image: Image, before: Image) -> Levels:
     """Return the untouched gel (height, width, 3) with marks as they appear from one image to the next."""
     marked = mean.copy()
-    marked[marks] += image[marks].astype(np.float32) - before[marks]
-    return np.clip(marked, 0.0, 255.0)
+    pixels = marked.reshape(-1, 3)
+    places = np.flatnonzero(marks)
+    change = image.reshape(-1, 3)[places].astype(np.float32) - before.reshape(-1, 3)[places]
+    pixels[places] = np.clip(pixels[places] + change, 0.0, 255.0)
+    return marked
 
 
 def _lines(image: Image) -> Image:
@@ -91,30 +120,71 @@ def _lines(image: Image) -> Image:
     return np.ascontiguousarray(image).reshape(len(image), -1)
 
 
-@compiled(np.zeros((1, 1), np.uint8), np.zeros((1, 1), np.uint8), 0)
+_LINES = np.zeros((1, 1), np.uint8)  # examples of arrays that compiled functions take
+_MASK = np.zeros((1, 1), np.bool_)
+
+
+@compiled(_LINES, _LINES, 0)
 def _jumps_in_every_other_row(lines: Image, before: Image, jump: int) -> int:
     """Return the number of values that have changed by more than a jump [grey levels]."""
     count = 0
-    for row in range(0, lines.shape[0], 2):
+    for row in range(0, len(lines), 2):
+        of_row = np.uint16(0)  # so small that the compiler adds many at a time
         for i in range(lines.shape[1]):
-            count += max(lines[row, i], before[row, i]) - min(lines[row, i], before[row, i]) > jump
+            of_row = np.uint16(of_row + (_distance(lines[row, i], before[row, i]) > np.uint8(jump)))
+        count += int(of_row)
     return count
+
+
+@compiled(_LINES, _LINES, (0, 0), np.zeros(1, np.int16), np.zeros(1, np.bool_), _MASK, _MASK)
+def _find_changes(
+    lines: Image,
+    before: Image,
+    limits: tuple[int, int],
+    sums: NDArray[np.int16],
+    flags: Flags,
+    jumped: Flags,
+    changed: Flags,
+) -> None:
+    """Set which pixels (height, width) have a channel that differs from the image before by more than limits.
+
+    They jumped if their own difference exceeds the first limit, and changed if that of the sum over the 3 x 3 pixels
+    about them exceeds the second. Beyond the border the image goes on as at it. `sums` (3 * width + 6,) and `flags` (3
+    * width,) are room for a row.
+    """
+    height, width = changed.shape
+    values = 3 * width
+    for row in range(height):
+        for i in range(values):
+            flags[i] = _distance(lines[row, i], before[row, i]) > np.uint8(limits[0])
+        _put_any_channel(flags, jumped[row])
+        above = max(row - 1, 0)
+        below = min(row + 1, height - 1)
+        for i in range(values):
+            now = np.int16(lines[above, i]) + lines[row, i] + lines[below, i]
+            sums[3 + i] = now - before[above, i] - before[row, i] - before[below, i]
+        for i in range(3):
+            sums[i] = sums[3 + i]
+            sums[values + 3 + i] = sums[values + i]
+        for i in range(values):
+            flags[i] = np.int16(abs(np.int16(sums[i] + sums[3 + i] + sums[6 + i]))) > np.int16(limits[1])
+        _put_any_channel(flags, changed[row])
+
+
+@kernel
+def _distance(level: int, other: int) -> np.uint8:
+    """Return how far two grey levels are apart; of few bits, so that the compiler takes many at a time."""
+    return np.uint8(max(level, other) - min(level, other))
+
+
+@kernel
+def _put_any_channel(flags: Flags, pixels: Flags) -> None:
+    """Set the pixels (width,) of which any channel of flags (3 * width,) is set."""
+    for column in range(len(pixels)):
+        pixels[column] = flags[3 * column] | flags[3 * column + 1] | flags[3 * column + 2]
 
 
 def _is_brighter_or_darker(change: NDArray[np.int16]) -> bool:
     """Return true if nearly all pixels (N, 3) have changed in one direction, in the colour that has changed most."""
     total = np.abs(change).sum(axis=0)
     return bool(abs(change.sum(axis=0)[total.argmax()]) > _MARK.one_way * total.max())
-
-
-def _are_above(limit: int, change: NDArray[np.int16]) -> Flags:
-    """Return true for pixels (height, width) with a channel that has changed by more than a limit."""
-    are_above = np.abs(change) > limit
-    return are_above[..., 0] | are_above[..., 1] | are_above[..., 2]
-
-
-def _sum_of_nine(levels: NDArray[np.int16]) -> NDArray[np.int16]:
-    """Return the sum (height, width, 3) over the 3 x 3 pixels about each."""
-    padded = np.pad(levels, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    of_rows = padded[:-2] + padded[1:-1] + padded[2:]
-    return of_rows[:, :-2] + of_rows[:, 1:-1] + of_rows[:, 2:]
