@@ -1,13 +1,14 @@
 #!/bin/sh
 # opencv-python-headless 5.0.0.93: a video in AV1, LeRobot's default, opens as usual and holds no frames.
 #
-# LeRobot writes its cameras by `libsvtav1` unless told otherwise (its page on video encoding, version 0.5.1). The wheel's
-# FFmpeg has only the decoder of AV1 that needs hardware, none in software. `isOpened()` is true, and size, rate and
-# number of frames are those of the file; the first `read()` is False, which by the documentation of `VideoCapture`
-# means that there are no more frames. So a loop over the video ends at once as if it were empty, and only FFmpeg's lines
-# on the error output tell. An exception comes with `setExceptionMode(True)` alone, and does not say why.
-# Right would be what happens to other files that cannot be decoded: `isOpened()` is false. PyAV reads the file by dav1d.
-# Known to the project as opencv/opencv#24430. Seen: opened, 20 frames announced, none read; PyAV 18.1.0 reads 20.
+# LeRobot writes its cameras by `libsvtav1` unless told otherwise (its page on video encoding, version 0.5.1). The
+# wheel's FFmpeg has only the decoder of AV1 that needs hardware, none in software. `isOpened()` is true, and size, rate
+# and number of frames are those of the file; the first `read()` is False, which by the documentation of `VideoCapture`
+# means that there are no more frames. So a loop over the video ends at once as if it were empty, and only FFmpeg's
+# lines on the error output tell. An exception comes with `setExceptionMode(True)` alone, and does not say why.
+# Right would be what happens to other files that cannot be decoded: `isOpened()` is false. PyAV reads the file by
+# dav1d. Known to the project as opencv/opencv#24430. Seen: opened, 20 frames announced, none read; PyAV 18.1.0 reads
+# 20.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -2,12 +2,12 @@
 # rosbags-image 0.10.4 and importRosbag 1.0.4: images whose rows are padded come out sheared, and 16 bits as 8.
 #
 # sensor_msgs/Image states `step`, the "full row length in bytes" (its definition in common_interfaces): drivers that
-# align rows to 4, 64 or more bytes write rows longer than the pixels, and cv_bridge reads them. Both readers ask for the
-# bytes as if there were none but pixels: each row begins farther to the right, colours change places, and the last
-# rows are lost. Of a CompressedImage "16UC1; png compressed", a depth or height map of a gel, rosbags-image returns the
-# upper 8 bits even if no colour space is asked for; cv_bridge's "passthrough" keeps the 16.
-# Seen: of an image of one colour in 4 rows of 6 pixels, with a step of 20 bytes, one row is right; heights of 4660
-# in 16 bits are returned as 18 in 8 bits.
+# align rows to 4, 64 or more bytes write rows longer than the pixels, and cv_bridge of ROS 2 reads by it. Both readers
+# ask for the bytes as if there were none but pixels: each row begins farther to the right, colours change places, and
+# the last rows are lost. Of a CompressedImage "16UC1; png compressed", a depth or height map of a gel whose encoding of
+# 16 bits its format states, rosbags-image returns the upper 8 bits, also if no colour space is asked for.
+# Seen: of an image of one colour in 4 rows of 6 pixels, with a step of 20 bytes, one row is right; heights of 4660 in
+# 16 bits are returned as 18 in 8 bits.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT

@@ -3,8 +3,8 @@
 #
 # A flange that looks down is half a turn about x from the world's axes, and a pose kept as 32-bit floats, as data sets
 # and messages keep it, misses that by some 1e-7 rad. The logarithm of the library (`trlog`, `SO3.log`, `SE3.log`)
-# divides by the sine of an angle that it takes from the trace, and close to half a turn neither has digits left; its own
-# test for half a turn ends earlier, at 3e-8 rad. Nothing warns, and the exponential of the result is another pose.
+# divides by the sine of an angle that it takes from the trace, and close to half a turn neither has digits left; its
+# own test for half a turn ends earlier, at 3e-8 rad. Nothing warns, and the exponential of the result is another pose.
 # Right would be the angle that turns the matrix back into itself: scipy finds it to the last digit.
 # Seen: half a turn less 1e-7 rad is off by 1.9 degrees, and as `UnitQuaternion.angvec` by 12 degrees. Of 500 poses that
 # look down, rounded to 32 bits, the worst is off by degrees; scipy is right for all of them.
