@@ -296,6 +296,22 @@ def test_a_folder_of_images_or_a_video_stands_in_for_a_camera(kind, run_palpate,
         assert "is no video that OpenCV reads, nor a folder" in fails(*words[:4], name, *words[5:])
 
 
+def test_a_video_that_opens_and_cannot_be_decoded_is_refused(fails):
+    av = pytest.importorskip("av")
+    with av.open("film.mp4", "w") as container:
+        stream = container.add_stream("libsvtav1", rate=30)
+        stream.width = 240
+        stream.height = 320
+        stream.pix_fmt = "yuv420p"
+        for _ in range(3):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((320, 240, 3), np.uint8))))
+        container.mux(stream.encode())
+    if cv2.VideoCapture("film.mp4").grab():
+        pytest.skip("this OpenCV decodes AV1")
+    words = ("live", "--tactile", "none", "--camera", "film.mp4", "--poses", f"udp:{free_port()}", *OBJECT)
+    assert "is no video that OpenCV reads" in fails(*words)
+
+
 def test_a_camera_that_cannot_be_used(camera, fails):
     words = camera_words(f"udp:{free_port()}")
     camera.grab = lambda: False

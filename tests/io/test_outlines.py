@@ -165,6 +165,8 @@ CLIPS = (
     '<defs><rect id="r" y="30" width="99" height="40"/></defs>'
 )
 
+NESTED = '<svg x="10" y="10" width="60" height="20" viewBox="0 0 6 2"><rect width="6" height="2"/></svg>'
+
 
 @pytest.mark.parametrize(
     ("drawn", "extent"),
@@ -178,6 +180,7 @@ CLIPS = (
         (CLIPS + '<path clip-path="url(#d)" fill="none" stroke="red" d="M2 16H30V30H2Z"/>', (28, 14)),
         ('<rect width="100" height="50" fill="#fff" stroke="white"/><rect width="60" height="20"/>', (60, 20)),
         ('<path d="M10 10H70V30H10"/>', (60, 20)),  # filled, so seen as closed
+        (NESTED + '<rect x="10" y="10" width="60" height="20"/>', (60, 20)),
     ],
 )
 def test_an_svg_is_read_as_it_is_seen(drawn, extent):

@@ -240,6 +240,13 @@ def _frames(path: Path, start: float, count: int, fps: float) -> Iterator[Image]
                     return
                 if float(frame.pts * stream.time_base) > start - 0.5 / fps:
                     done += 1
-                    yield np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
+                    yield _pixels(frame)
     except (OSError, IndexError, av.FFmpegError) as error:
         raise FileError(f"{path}: cannot be read as a video ({one_line(error)})") from error
+
+
+def _pixels(frame: Any) -> Image:
+    """Return the pixels of a frame of a video, in RGB."""
+    # Straight from 4:2:0 to RGB, FFmpeg makes each image a level darker (findings/video-420-loses-brightness.sh).
+    whole = frame if frame.format.is_rgb else frame.reformat(format="yuv444p")
+    return np.asarray(whole.to_ndarray(format="rgb24"), np.uint8)

@@ -37,8 +37,8 @@ def read_svg(path: Path, scale: float | None, unit_advice: str) -> Drawing:
         data = unpacked(path)
         if re.search(rb"<symbol\b[^>]*\bviewBox", data):
             raise ShapeError("a symbol has a viewBox, which scales it and is not read: unlink its uses")
-        if re.search(rb"\bmask\s*[:=]", data):
-            logger.warning("%s: masks are not applied", path)
+        if re.search(rb"\bmask\s*[:=]|\btransform-origin\s*[:=]", data):
+            logger.warning("%s: masks and origins of transforms are not applied", path)
         page = svgelements.SVG.parse(io.BytesIO(_readable_svg(data)), ppi=METRES["in"] / _PIXEL)
         drawing = Drawing()
         _add_seen(drawing, page, page)
@@ -62,6 +62,9 @@ def _readable_svg(data: bytes) -> bytes:
     clip_paths = b"".join(clip_path.findall(data))
     data = clip_path.sub(b"", data)
     data = re.sub(rb"<svg\b[^>]*>", lambda start: start[0] + clip_paths, data, count=1)
+    # Rectangles without x and y inherit those of a nested page, which is at its place already.
+    for side in (b"x", b"y"):
+        data = re.sub(rb"<rect\b(?![^>]*\s%s\s*=)" % side, b'<rect %s="0"' % side, data)
     # References in quotes are not understood.
     data = re.sub(rb"url\(\s*(['\"]|&quot;)(#.*?)\1\s*\)", rb"url(\2)", data)
     # Symbols are drawn only where they are used.

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
-from itertools import islice, takewhile
+from itertools import chain, islice, takewhile
 from pathlib import Path
 from time import sleep, time
 from typing import Any, NamedTuple, TypeAlias
@@ -146,9 +146,10 @@ def film(path: Path, sensor: SensorProfile, now: Clock) -> tuple[float, Pictures
     else:
         cv2 = library("cv2", "camera", f"camera {path}: a video")
         video = cv2.VideoCapture(str(path))
-        has_images = video.isOpened()
+        # A video in AV1 opens without a decoder for it (findings/opencv-av1-video-without-frames.sh).
+        has_images = video.grab()
         rate = video.get(cv2.CAP_PROP_FPS) or sensor.rate
-        pixels = (video.retrieve()[1] for _ in iter(video.grab, False))
+        pixels = (video.retrieve()[1] for _ in chain([True], iter(video.grab, False)))
     if not has_images:
         raise SettingError(f"camera {path}: is no video that OpenCV reads, nor a folder with PNG or JPEG images")
 
