@@ -1,5 +1,6 @@
 """Checks of numbers from files and users; errors name the field, what was found and what is allowed."""
 
+from contextlib import suppress
 from numbers import Integral, Real
 from typing import Any
 
@@ -41,20 +42,36 @@ def checked_array(name: str, value: Any, kind: tuple[str, str], shape: tuple[int
         expected = str(shape).replace("'", "")
         raise FileError(f"{name}: found shape {array.shape}, expected {expected}")
     if array.dtype.kind not in kinds:
-        raise FileError(f"{name}: found values of type {array.dtype}, expected {words}")
+        found = type(array.flat[0]).__name__ if array.dtype.kind == "O" and array.size else array.dtype
+        raise FileError(f"{name}: found values of type {found}, expected {words}")
     return array
 
 
 def as_array(name: str, value: Any) -> NDArray[Any]:
-    """Return an array, tensor or list of numbers as an array, in which masked numbers are NaN. Raises FileError."""
+    """Return an array, tensor or list of numbers as an array, in which masked numbers and None are NaN.
+
+    Raises FileError.
+    """
     try:
         if np.ma.is_masked(value):
-            return np.asarray(value.filled(np.nan))
-        return np.asarray(without_gradient(value))
+            return _without_mask(name, value)
+        array = np.asarray(without_gradient(value))
     except (ValueError, MemoryError) as error:  # one long text among numbers asks for terabytes
         raise FileError(f"{name}: rows have different lengths, expected those of an array") from error
     except (TypeError, RuntimeError) as error:  # tensors in a list, or those of another library
         raise FileError(f"{name}: is no array of NumPy, nor can it be made one ({one_line(error)})") from error
+    if array.dtype.kind == "O" and array.ndim:
+        with suppress(TypeError, ValueError):  # of anything but numbers and None
+            return array.astype(np.float64)
+    return array
+
+
+def _without_mask(name: str, value: Any) -> NDArray[Any]:
+    """Return a masked array with NaN where it is masked. Raises FileError if its type has none."""
+    if value.dtype.kind not in "fmM":
+        count = int(np.count_nonzero(np.ma.getmaskarray(value)))
+        raise FileError(f"{name}: {count} of {value.size} values, {value.dtype}, are masked; allowed in floats only")
+    return np.asarray(value.filled(np.nan if value.dtype.kind == "f" else "NaT"))
 
 
 def without_gradient(value: Any) -> Any:

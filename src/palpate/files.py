@@ -161,8 +161,13 @@ def _with_decimal_point(cell: str) -> str:
 
 
 def column_name(written: str) -> str:
-    """Return a column's name in lower case, with underscores for blanks and brackets: angle_deg for Angle (deg)."""
-    return re.sub(r"[^a-z0-9]+", "_", written.lower()).strip("_")
+    """Return a column's name in lower case, with underscores for blanks and brackets: angle_deg for Angle (deg).
+
+    Signs are spelt: that of a degree as deg, and µ as u.
+    """
+    spelt = written.lower().replace("\N{GREEK SMALL LETTER MU}", "u").replace("\N{MICRO SIGN}", "u")
+    spelt = re.sub("[\N{DEGREE SIGN}\N{MASCULINE ORDINAL INDICATOR}]", " deg ", spelt)
+    return re.sub(r"[^a-z0-9]+", "_", spelt).strip("_")
 
 
 def read_table(path: Path | str, needed: Sequence[str], optional: Sequence[str] = ()) -> list[tuple[int, list[str]]]:

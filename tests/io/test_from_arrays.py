@@ -1,6 +1,7 @@
 """A recording from one's own arrays: every way of giving them, and what is refused in words."""
 
 import logging
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import cv2
@@ -126,6 +127,19 @@ def test_times_in_nanoseconds_are_integers(scale):
     same(made(image_time=times[0], pose_time=times[1]).sensor_pose, true_pose(IMAGE_TIME), within=1e-6)
 
 
+def test_times_are_dates_or_durations_of_python():
+    start = datetime(2026, 5, 1, 12, 0, tzinfo=UTC)
+    in_seconds = made().sensor_pose
+    for begin in (start, start.replace(tzinfo=None), timedelta()):
+        times = [[begin + timedelta(seconds=float(time)) for time in each] for each in (IMAGE_TIME, POSE_TIME)]
+        same(made(image_time=times[0], pose_time=times[1]).sensor_pose, in_seconds, within=1e-5)
+
+
+def test_numbers_of_frames_are_no_seconds(caplog):
+    made(image_time=np.arange(20.0), pose_time=np.arange(50.0))
+    assert "image_time: times are whole seconds, one apart; are these numbers of frames?" in caplog.text
+
+
 def test_the_gel_is_somewhere_on_the_hand():
     flat = se2.compose(true_pose(POSE_TIME), se2.inverse(np.array([0.03, 0.01, 0.4]))[None])
     found = made(image_time=POSE_TIME[:20], poses=flat, sensor_T_gel=[0.03, 0.01, 0.4])
@@ -193,6 +207,28 @@ def test_a_clock_that_is_set_forward_costs_itself(caplog):
     found = made(pose_time=late, poses=true_pose(late), image_time=np.r_[IMAGE_TIME[:-1], late[-1]])
     same(found.sensor_pose[-1:], true_pose(late[-1:]))
     assert not caplog.text
+
+
+def changed(poses: Any, value: Any) -> Any:
+    """Poses of which the 26th, at 0.5 s, has another value."""
+    poses = np.array(poses, dtype=object if value is None else float)
+    poses[25] = value
+    return poses
+
+
+@pytest.mark.parametrize("value", [None, 0.0, 1.0, 1e9])
+@pytest.mark.parametrize("way", [np.asarray, in_space])
+def test_one_wrong_pose_costs_itself(way, value):
+    same(made(poses=changed(way(true_pose(POSE_TIME)), value)).sensor_pose, true_pose(np.delete(IMAGE_TIME, 14)))
+
+
+def test_one_wrong_image_costs_itself(caplog):
+    images = list(tiny_images(20))
+    for wrong in (None, images[0][:9], images[0] / 255, images[0][..., 0]):
+        caplog.clear()
+        found = made(images=[wrong if index == 7 else image for index, image in enumerate(images)])
+        assert [not each for each in found.image] == [index == 7 for index in range(20)]
+        assert "images: 1 of 20 images are left out: image 7: " in caplog.text
 
 
 def test_noise_is_no_second_sender():
@@ -317,7 +353,13 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
         ({"poses": true_pose(POSE_TIME) * [1e3, 1e3, 1]}, "poses: .*span 126.7 m.*are these millimetres"),
         ({"poses": true_pose(POSE_TIME) * [1, 1, 57]}, "poses: found angles up to 1[78].* rad: are these degrees"),
         ({"poses": W_FIRST}, "z axis up to .* off the plane.s normal, .*is w the last"),
-        ({"poses": MIRRORED}, "poses: frame 0 .* allowed is a rotation"),
+        ({"poses": MIRRORED}, "poses: frame 0 .* allowed is a rotation.*left-handed"),
+        ({"poses": in_space(true_pose(POSE_TIME)).transpose(0, 2, 1)}, "poses: frame 0 .*by columns"),
+        ({"poses": in_space(true_pose(POSE_TIME)).reshape(50, 16)}, r"\(50, 16\), .*reshape\(-1, 4, 4\)"),
+        ({"poses": list(map(str, range(50)))}, "poses: found text, expected numbers"),
+        ({"image_time": np.ma.masked_less(np.arange(20), 2)}, "image_time: 2 of 20 values, int64, are masked"),
+        ({"image_time": [{}] * 20}, "image_time: found values of type dict, expected numbers"),
+        ({"images": {b"a", b"b"}}, "images: found a set, which has no order"),
         ({"poses": POSES * 2.0}, "poses: pose 0 .*a quaternion of length 1"),
         ({"poses": POSES[:, :6]}, r"poses: found shape \(50, 6\), expected \(N, 3\)"),
         ({"poses": POSES[:40]}, "poses: found 40 poses for 50 times"),

@@ -80,6 +80,7 @@ def same_push(recording, start=START):
     assert np.abs(wrap(recording.sensor_pose[:, 2] - poses[:, 2])).max() < 2e-6
 
 
+IN_DEGREES = true_pose(POSE_TIME) * [1.0, 1.0, np.degrees(1.0)]
 TABLES = {
     "libfranka": (",".join(["time", *(f"O_T_EE[{k}]" for k in range(16))]), with_times(matrices(by_columns=True))),
     "by rows": ("", with_times(matrices(by_columns=False))),
@@ -97,6 +98,39 @@ TABLES = {
         with_times(true_pose(POSE_TIME) * [1e3, 1e3, np.degrees(1.0)], 1e6),
     ),
     "planar": ("", with_times(true_pose(POSE_TIME), 1e3)),
+    "signs of units": ("t [\N{MICRO SIGN}s],x,y,yaw [\N{DEGREE SIGN}]", with_times(IN_DEGREES, 1e6)),
+    "pandas": (",time,x,y,theta", [(k, *row) for k, row in enumerate(with_times(true_pose(POSE_TIME)))]),
+    "commas at the end": ("time,x,y,theta,", [(*row, "") for row in with_times(true_pose(POSE_TIME))]),
+    "euroc": (
+        "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []",
+        with_times(seven("wxyz")),
+    ),
+    "two columns of a stamp": (
+        "Time,header.stamp.secs,header.stamp.nsecs,x,y,theta",
+        [(5, row[0] // 10**9, row[0] % 10**9, *row[1:]) for row in with_times(true_pose(POSE_TIME))],
+    ),
+    "no number in some cells": (
+        "time,x,y,theta",
+        [
+            row if k % 5 or k > 9 else (row[0], "NULL", "n/a", "")
+            for k, row in enumerate(with_times(true_pose(POSE_TIME)))
+        ],
+    ),
+    "one time that is none": (
+        "time,x,y,theta",
+        [("nan" if k == 79 else row[0], *row[1:]) for k, row in enumerate(with_times(true_pose(POSE_TIME)))],
+    ),
+    "one time of 0": (
+        "time,x,y,theta",
+        [(0 if k == 79 else row[0], *row[1:]) for k, row in enumerate(with_times(true_pose(POSE_TIME)))],
+    ),
+    "one matrix of zeros": (
+        "",
+        [
+            (row[0], *([0.0] * 16 if k == 79 else row[1:]))
+            for k, row in enumerate(with_times(matrices(by_columns=True)))
+        ],
+    ),
 }
 
 
@@ -149,6 +183,28 @@ def test_a_rate_in_place_of_times_and_names_that_are_missing(folder, run_palpate
     assert np.abs(recording.time - START - np.delete(IMAGE_TIME, 3)).max() < 2e-6
 
 
+def test_files_that_would_shift_the_others_are_named(folder, fails):
+    write_table("ee.csv", "", with_times(seven()))
+    for name in ("calib.png", "frame_3.jpg"):
+        Path("img", name).write_bytes(Path("img/frame_3.png").read_bytes())
+        assert Path(name).stem in refused(fails, "--poses", "ee.csv", "--rate", 30)
+        Path("img", name).unlink()
+
+
+def test_times_in_names_that_go_back_are_named(folder, fails):
+    for number in range(COUNT):
+        Path(f"img/frame_{number}.png").rename(f"img/12-{number // 6:02d}-{(59.8 + number / 30) % 60:06.3f}.png")
+    write_table("ee.csv", "x,y,theta", true_pose(IMAGE_TIME).tolist())
+    assert "go back" in refused(fails, "--poses", "ee.csv")
+
+
+def test_paths_of_another_system_are_found(folder, run_palpate):
+    write_table("ee.csv", "", with_times(seven()))
+    table = Path(image_table())
+    table.write_text(table.read_text().replace("frame_", "C:\\data\\frame_"))
+    same_push(convert(run_palpate, "--image-times", table, "--poses", "ee.csv"))
+
+
 def test_a_pose_for_each_image(folder, run_palpate):
     write_table("ee.csv", "x,y,theta", true_pose(IMAGE_TIME).tolist())
     same_push(convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv"))
@@ -195,6 +251,14 @@ BAD = {
     "no matrix": ("", [(START + k / 100, *range(16)) for k in range(9)], "line 1"),
     "a short row": ("time,x,y,theta", [(0.0, 0.1, 0.1, 0.1), (0.1, 0.1)], "line 3"),
     "no rows": ("time,x,y,theta", [], "no rows"),
+    "two units": ("time,x_mm,y_m,theta", with_times(true_pose(POSE_TIME)), "x_mm, y_m"),
+    "a tool that points down": (
+        "time,x,y,z,roll,pitch,yaw",
+        [(START + k / 100, 0.1, 0.1, 0.3, np.pi, 0.0, 0.1) for k in range(9)],
+        "roll reaches 180 degrees",
+    ),
+    "minutes": ("time (min),x,y,theta", with_times(true_pose(POSE_TIME)), "time_min"),
+    "names of other columns": ("time,x,y", with_times(true_pose(POSE_TIME)), "4 columns below the 3 names"),
 }
 
 

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.arrays import Array, Flags, Image
 from palpate.checks import NUMBERS, as_array, check_rows, checked_array, other_time_unit
 from palpate.errors import FileError
-from palpate.files import counting_order, existing_file, in_file
+from palpate.files import counting_order, existing_file
 from palpate.io.time_order import UNKNOWN, are_few, in_order, without_step
 from palpate.types import space
 from palpate.types.choices import Placement
@@ -40,6 +41,8 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     `least` [s].
     """
     given = as_array(name, time)
+    if given.dtype.kind == "O" and given.ndim == 1 and len(given):
+        given = _of_calendar(name, given)
     if given.dtype.kind in "mM":  # NumPy's dates and durations
         given = given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64)
     given = checked_array(name, given, NUMBERS, ("N",))
@@ -58,6 +61,8 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     _check_unit(name, step, latest, is_whole, least)
     if not is_whole:
         _check_resolution(name, given, step, latest)
+        if len(steps) > 2 and (steps == 1.0).all() and (given == np.round(given)).all():
+            logger.warning("%s: times are whole seconds, one apart; are these numbers of frames?", name)
     if (steps == 0).sum() > 0.5 * len(steps):
         raise FileError(
             f"{name}: {(steps == 0).sum()} of {len(given)} times are that before; were they rounded, as float32 rounds "
@@ -65,6 +70,16 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
         )
     found[is_known] = exact if is_whole else np.round(np.clip(exact, -9e9, 9e9) * 1e9)
     return found
+
+
+def _of_calendar(name: str, time: NDArray[Any]) -> NDArray[Any]:
+    """Return dates or durations of Python (N,) as those of NumPy, in UTC; anything else as it is."""
+    if all(isinstance(each, timedelta) for each in time):
+        return time.astype("m8[ns]")
+    if not all(isinstance(each, datetime) for each in time):
+        return time
+    in_utc = [each.astimezone(UTC).replace(tzinfo=None) if each.tzinfo else each for each in time]
+    return np.array(in_utc, "M8[ns]")
 
 
 def _check_unit(name: str, step: float, latest: float, is_whole: bool, least: float) -> None:
@@ -97,8 +112,8 @@ def encoded_images(
 ) -> tuple[bytes, ...]:
     """Return some images, fitted to a size (rows, columns), as encoded bytes; bytes stay as they are.
 
-    In place of an image there may be the error on it. That and an encoded image that is damaged become empty bytes, a
-    frame that tracking skips. Raises FileError, which names the image, if pixels do not fit, or if none of the encoded
+    In place of an image there may be the error on it, or None. That, an encoded image that is damaged, and pixels that
+    do not fit become empty bytes, a frame that tracking skips. Raises FileError, which names the image, if none of the
     images that are looked at can be used.
     """
     from palpate.touch.background import warn_if_bordered, warn_if_squeezed
@@ -111,15 +126,14 @@ def encoded_images(
     unencoded: dict[int, Image] = {}  # pixels by number, since JPEG removes the noise that shows squeezing
     for number, index in enumerate(indices):
         image = images[index]
-        with in_file(f"{name}: image {index}"):
-            pixels = _upright_pixels(image, size, view)
-            if pixels is not None:
-                encoded.append(encode_image(pixels, codec))
-                if number % interval == 0:
-                    unencoded[number] = pixels
-                continue
         try:
-            encoded.append(turned_image(_bytes_of(image), size, view))
+            pixels = _upright_pixels(image, size, view)
+            if pixels is None:
+                encoded.append(turned_image(_bytes_of(image), size, view))
+                continue
+            encoded.append(encode_image(pixels, codec))
+            if number % interval == 0:
+                unencoded[number] = pixels
         except FileError as error:
             damage.append(f"image {index}: {error}")
             encoded.append(b"")
@@ -152,7 +166,7 @@ def _warn_if_sorted_as_texts(name: str, images: Any) -> None:
 
 def _upright_pixels(image: Any, size: tuple[int, int], view: CameraView) -> Image | None:
     """Return an array of pixels, fitted to a size in a view; None for paths, errors and encoded images."""
-    if isinstance(image, str | Path | bytes | FileError):
+    if image is None or isinstance(image, str | Path | bytes | FileError):
         return None
     array = as_array("pixels", image)
     if array.dtype == np.uint8 and array.size <= len(array):  # encoded bytes, as OpenCV and messages have them
@@ -161,9 +175,14 @@ def _upright_pixels(image: Any, size: tuple[int, int], view: CameraView) -> Imag
 
 
 def _bytes_of(image: Any) -> bytes:
-    """Return the bytes of an encoded image, an array of them, or a file. Raises FileError, also if it is given one."""
+    """Return the bytes of an encoded image, an array of them, or a file.
+
+    Raises FileError, also if it is given one, or None.
+    """
     if isinstance(image, FileError):
         raise image
+    if image is None:
+        raise FileError("is None")
     if isinstance(image, bytes):
         return image
     if isinstance(image, str | Path):

@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from palpate.geometry.shapes import Shape
 from palpate.hints import own_command
 from palpate.io.pose_tables import NANOSECONDS, PoseTable, is_of_calendar, read_pose_table, read_times, time_unit
 from palpate.io.recording import Recording
+from palpate.io.time_order import UNKNOWN, are_few
 from palpate.types.choices import BagChoices, TableChoices, TimeUnit
 from palpate.types.images import UprightImage, camera_view, decode_image, turned_image
 from palpate.types.sensor import SensorProfile
@@ -94,7 +95,7 @@ def _files_and_times(
     if tables.rate is not None:
         if not 0.1 <= tables.rate <= 1000.0:
             raise SettingError(f"--rate is {tables.rate:g}; allowed are 0.1 to 1000 images a second")
-        start = 0 if poses.time is None else int(poses.time[0])
+        start = 0 if poses.time is None else int(poses.time[poses.time != UNKNOWN][0])
         if poses.time is not None:
             logger.warning(
                 "%s: the first image is taken to be as old as the first pose; --time-offset moves it", folder
@@ -121,7 +122,8 @@ def _listed(folder: Path, files: list[Path], table: Path, tables: TableChoices) 
     if not names:
         return files, stamps
     listed = [
-        next((path for path in (folder / name, folder / Path(name).name) if path.exists()), None) for name in names
+        next((path for path in (folder / name, folder / PureWindowsPath(name).name) if path.exists()), None)
+        for name in names
     ]
     missing = [name for name, path in zip(names, listed, strict=True) if path is None]
     if len(missing) == len(names):
@@ -135,14 +137,36 @@ def _listed(folder: Path, files: list[Path], table: Path, tables: TableChoices) 
 
 
 def _counted(files: Sequence[Path]) -> Times:
-    """Return the numbers of images from the first on (N,), by their names if these are counted, so that gaps count."""
+    """Return the numbers of images from the first on (N,), by their names if these are counted, so that gaps count.
+
+    Raises FileError if a name is unlike those of the others, or differs in its suffix alone.
+    """
     numbers = [re.findall(r"\d+", path.stem)[-1:] for path in files]
+    _check_alike(files)
     if all(numbers):
         counted = np.array([int(number) for (number,) in numbers], dtype=object)
         steps = np.diff(counted)
         if len(steps) and (steps > 0).all() and max(counted) < 2**53 and np.median(steps.astype(float)) == 1.0:
             return (counted - counted[0]).astype(np.int64)
     return np.arange(len(files))
+
+
+def _check_alike(files: Sequence[Path]) -> None:
+    """Raise FileError if a name, but for its number, is unlike those of most others, or is there with two suffixes."""
+    stems = [path.stem for path in files]
+    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if twice is not None:
+        raise FileError(
+            f"{files[0].parent}: holds {twice} with two suffixes; which one is the image? Move the other away"
+        )
+    patterns = [re.sub(r"\d+", "0", stem) for stem in stems]
+    usual = max(set(patterns), key=patterns.count)
+    odd = [path.name for path, pattern in zip(files, patterns, strict=True) if pattern != usual]
+    if odd and are_few(len(odd), len(files)):
+        raise FileError(
+            f"{files[0].parent}: {odd[0]} is named unlike the other {len(files) - len(odd)} images, and would count as "
+            "one of them: move it away, or give --image-times"
+        )
 
 
 def times_of_names(files: Sequence[Path], unit: TimeUnit | None = None) -> Times | None:
@@ -165,6 +189,12 @@ def times_of_names(files: Sequence[Path], unit: TimeUnit | None = None) -> Times
     if unit is None:
         with in_file(files[0].parent):
             unit = time_unit(np.sort(values))
+    if (np.diff(values) < 0.0).any():  # files are in the order in which people count
+        index = int(np.argmax(np.diff(values) < 0.0)) + 1
+        raise FileError(
+            f"{files[0].parent}: the times in the names go back from {files[index - 1].name} to {files[index].name}: "
+            "allowed are those of one camera, whose last number is the whole time; else give --image-times"
+        )
     if all(word.isdecimal() for word in words):
         return np.array([int(word) * NANOSECONDS[unit] for word in words], np.int64)
     return np.round(values * NANOSECONDS[unit]).astype(np.int64)
@@ -184,7 +214,9 @@ def _times_of(path: Path, table: PoseTable, image_time: Times) -> Times:
 
 def _check_same_unit(folder: Path, time: Times, pose_time: Times) -> None:
     """Raise FileError if images last a thousand times as long as poses or the reverse, as in different units."""
-    spans = [float(np.ptp(each)) * 1e-9 for each in (time, pose_time)]
+    # Without their ends, as a single time may be wrong.
+    middles = [np.quantile(each[each != UNKNOWN], (0.1, 0.9)) for each in (time, pose_time)]
+    spans = [float(np.ptp(middle)) * 1e-9 / 0.8 for middle in middles]
     if min(spans) > 0.0 and max(spans) > 300.0 * min(spans):
         raise FileError(
             f"{folder}: the images last {spans[0]:.4g} s, the poses {spans[1]:.4g} s; were times read in a wrong unit? "

@@ -19,7 +19,9 @@ from palpate.arrays import Array, Flags, Times
 from palpate.checks import METRES, TURNS, other_unit
 from palpate.errors import FileError
 from palpate.files import column_name, in_file, read_text, table_rows
+from palpate.io.time_order import UNKNOWN, are_few
 from palpate.types.choices import TableChoices, TimeUnit
+from palpate.types.space import MOST_WRONG, STEEPEST
 
 NANOSECONDS: dict[TimeUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Length of each unit of time [ns]."""
@@ -31,11 +33,14 @@ _TIME_WORDS: dict[str, TimeUnit] = {
 }
 _TIME = re.compile(rf"(?:.*_)?(?:time|times|timestamp|stamp|t)(?:_({'|'.join(_TIME_WORDS)}))?")
 _PLACE = re.compile(r"(?:.*_)?(?:t|p|pos)?([xyz])(?:_(mm|cm|m|in))?")
-_QUATERNION = re.compile(r"(?:.*_)?(?:q|quat|quaternion|orientation|rotation|rot)_?([xyzw])")
+_QUATERNION = re.compile(r"(?:.*_)?(?:q|q_rs|quat|quaternion|orientation|rotation|rot)_?([xyzw])")
+_TILT = re.compile(r"(?:.*_)?(?:roll|pitch)(?:_(rad|deg|degrees))?")
 _ANGLE = re.compile(r"(?:.*_)?(?:theta|yaw|heading)(?:_(rad|deg|degrees))?")
 _OTHER = re.compile(
     r"(?:.*_)?(?:vel|velocity|twist|linear|angular|acc|force|torque|wrench|cov|covariance|goal|target)_.*"
 )
+_MISSING = ("", "na", "n/a", "#n/a", "null", "none", "-")
+"""Cells that hold no number, as programs write them, in lower case."""
 _NUMBERED = re.compile(r"(.*?)_?(\d\d?)")
 
 
@@ -55,16 +60,15 @@ class Table(NamedTuple):
         return [row[index] for row in self.cells]
 
     def numbers(self, indices: Sequence[int]) -> Array:
-        """Return columns as numbers (N, columns), NaN where a cell is empty. Raises FileError that names the line."""
+        """Return columns as numbers (N, columns), NaN where a cell holds none. Raises FileError that names the line."""
         numbers = np.empty((len(self.cells), len(indices)))
         for index, (line, row) in enumerate(zip(self.lines, self.cells, strict=True)):
             words = [row[column] for column in indices]
             try:
-                numbers[index] = [float(word) if word else math.nan for word in words]
+                numbers[index] = [math.nan if word.lower() in _MISSING else float(word) for word in words]
             except ValueError:
-                raise FileError(
-                    f"line {line}: found {','.join(words)[:80]!r}, expected {len(indices)} numbers"
-                ) from None
+                expected = "a number" if len(indices) == 1 else f"{len(indices)} numbers"
+                raise FileError(f"line {line}: found {','.join(words)[:80]!r}, expected {expected}") from None
         return numbers
 
     @property
@@ -90,14 +94,18 @@ class PoseTable:
 def read_cells(path: Path) -> Table:
     """Return a table with any header, in comments (#) or not.
 
-    Raises FileError if it holds no rows, or rows of different lengths.
+    Raises FileError if it holds no rows, rows of different lengths, or more or fewer names than columns.
     """
     text = re.sub(r"\Asep=.", "", read_text(path)).lstrip()
     first_line = text.partition("\n")[0]
     rows = table_rows(text, path, first_line if "," in first_line else "")
     header: list[str] = []
+    is_comment = False
     while rows and (rows[0][1][0].startswith(("#", "%")) or not any(map(_is_number, filter(None, rows[0][1])))):
-        header = [cell for cell in (cell.lstrip("#% ") for cell in rows.pop(0)[1]) if cell]
+        _, header = rows.pop(0)
+        is_comment = header[0].startswith(("#", "%"))
+        if is_comment:
+            header = [cell for cell in (cell.lstrip("#% ") for cell in header) if cell]
     rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
     if not rows:
         raise FileError(f"{path}: holds no rows of numbers")
@@ -105,8 +113,34 @@ def read_cells(path: Path) -> Table:
     for line, row in rows:
         if len(row) != width:
             raise FileError(f"{path}: line {line}: found {len(row)} columns, expected {width} as above it")
+    if header[width - 1 :] in ([], [""]) and not any(row[-1] for _, row in rows):  # rows end with a separator
+        width -= 1
+    if header[width:] == [""]:
+        header = header[:width]
+    if len(header) != width and len(header) > 1 and not is_comment:
+        raise FileError(f"{path}: found {width} columns below the {len(header)} names {', '.join(header)[:200]}")
     names = [column_name(cell) for cell in header] if len(header) == width else []  # else it is a remark
-    return Table(path, names, [line for line, _ in rows], [row for _, row in rows])
+    return _with_whole_stamps(Table(path, names, [line for line, _ in rows], [row[:width] for _, row in rows]))
+
+
+def _with_whole_stamps(table: Table) -> Table:
+    """Return a table in which stamps of ROS that are two columns, seconds and nanoseconds, are one, of nanoseconds."""
+    for index, name in enumerate(table.names):
+        match = re.fullmatch(r"(|.*_)(?:nsecs?|nanosecs?|nanoseconds)", name)
+        seconds = [] if match is None else [match[1] + word for word in ("secs", "sec", "seconds")]
+        found = [table.names.index(other) for other in seconds if other in table.names]
+        if match is None or len(found) != 1:
+            continue
+        whole = found[0]
+        cells = [list(row) for row in table.cells]
+        for row in cells:
+            if row[whole].isdecimal() and row[index].isdecimal():
+                row[whole] = str(int(row[whole]) * 10**9 + int(row[index]))
+        names = list(table.names)
+        names[whole] = f"{match[1]}stamp_ns"
+        names[index] = f"part_of_{names[whole]}"
+        return table._replace(names=names, cells=cells)
+    return table
 
 
 def _is_number(word: str) -> bool:
@@ -198,21 +232,23 @@ def _named(table: Table) -> _Found:
         return _matrices(table.numbers(groups[name]), table)
     if len(quaternions) == 4 and len(places) == 3:
         indices = [*(places[letter] for letter in "xyz"), *(quaternions[letter] for letter in "xyzw")]
-        return _Found(table.numbers(indices), "position and quaternion by names", _unit_of(table, places["x"]))
+        return _Found(table.numbers(indices), "position and quaternion by names", _unit_of(table, places, "xyz"))
     if len(angles) == 1 and {"x", "y"} <= set(places):
+        _check_upright(table)
         poses = table.numbers([places["x"], places["y"], *angles])
         if (_ANGLE.fullmatch(table.names[angles[0]]) or [""])[1] in ("deg", "degrees"):
             poses[:, 2] = np.radians(poses[:, 2])
         _check_radians(poses[:, 2])
-        return _Found(poses, "x, y, theta by names", _unit_of(table, places["x"]))
+        return _Found(poses, "x, y, theta by names", _unit_of(table, places, "xy"))
     allowed = "x, y, z, qx, qy, qz, qw; x, y, theta; or 16 numbered columns, such as O_T_EE[0] to O_T_EE[15]"
     raise FileError(f"found the columns {table.columns}; expected one time and {allowed}, each once")
 
 
 def _check_radians(angles: Array) -> None:
-    """Raise FileError if angles (N,) are probably degrees."""
-    largest = float(np.abs(angles[np.isfinite(angles)]).max(initial=0.0))
-    if largest > TURNS:
+    """Raise FileError if angles (N,), more than a few of them, are probably degrees."""
+    known = np.abs(angles[np.isfinite(angles)])
+    largest = float(known.max(initial=0.0))
+    if largest > TURNS and np.mean(known > TURNS) > MOST_WRONG:
         raise FileError(f"angles reach {largest:.4g} rad: are these degrees? Name the columns time, x, y, theta_deg")
 
 
@@ -232,9 +268,29 @@ def _by_letter(table: Table, pattern: re.Pattern[str], letters: str) -> dict[str
     return {letter: columns[0] for letter, columns in found.items() if len(columns) == 1}
 
 
-def _unit_of(table: Table, index: int) -> str | None:
-    match = _PLACE.fullmatch(table.names[index])
-    return match[2] if match else None
+def _unit_of(table: Table, places: dict[str, int], letters: str) -> str | None:
+    """Return the unit in the names of positions, None if they have none. Raises FileError if they differ."""
+    matches = [_PLACE.fullmatch(table.names[places[letter]]) for letter in letters]
+    units = {match[2] for match in matches if match}
+    if len(units) > 1:
+        words = ", ".join(table.names[places[letter]] for letter in letters)
+        raise FileError(f"found positions {words}; allowed is one unit in all of their names, or none")
+    return units.pop() if units else None
+
+
+def _check_upright(table: Table) -> None:
+    """Raise FileError if columns of roll or pitch say that a pose is more than its yaw."""
+    for index in _matching(table, _TILT):
+        angles = table.numbers([index])[:, 0]
+        match = _TILT.fullmatch(table.names[index])
+        is_degrees = match is not None and match[1] in ("deg", "degrees")
+        angles = np.radians(angles) if is_degrees else angles
+        largest = float(np.abs(angles[np.isfinite(angles)]).max(initial=0.0))
+        if largest > math.radians(STEEPEST):
+            raise FileError(
+                f"{table.names[index]} reaches {math.degrees(largest):.0f} degrees, so that yaw alone is not the pose: "
+                "give positions and quaternions, or 4x4 matrices"
+            )
 
 
 def _groups_of_16(table: Table) -> dict[str, list[int]]:
@@ -266,9 +322,10 @@ def _matrices(numbers: Array, table: Table) -> _Found:
     last = np.array([0.0, 0.0, 0.0, 1.0])
     by_rows: Flags = np.asarray(np.isclose(matrices[:, 3], last, atol=1e-6).all(axis=1))
     by_columns: Flags = np.asarray(np.isclose(matrices[:, :, 3], last, atol=1e-6).all(axis=1))
-    if by_rows[is_known].all():
+    least = (1.0 - MOST_WRONG) * is_known.sum()  # a few, such as zeros, cost themselves
+    if by_rows[is_known].sum() >= max(least, by_columns[is_known].sum()):
         return _Found(matrices, "16 numbers by rows")
-    if by_columns[is_known].all():
+    if by_columns[is_known].sum() >= least:
         return _Found(matrices.transpose(0, 2, 1), "16 numbers by columns")
     line = table.lines[int(np.argmax(is_known & ~(by_rows if by_rows.sum() > by_columns.sum() else by_columns)))]
     raise FileError(f"line {line}: the 16 numbers are no 4x4 matrix by rows or by columns, with its 0, 0, 0, 1")
@@ -282,6 +339,8 @@ def _in_metres(poses: Array, unit: str | None) -> Array:
     poses = poses.copy()
     position = poses[:, :3, 3] if poses.ndim == 3 else poses[:, : 2 if poses.shape[1] == 3 else 3]
     known = position[np.isfinite(position).all(axis=1)]
+    known = known[np.abs(known - np.median(known, axis=0)).max(axis=1).argsort()]
+    known = known[: math.ceil((1.0 - MOST_WRONG) * len(known))]  # a few that are far off cost themselves
     span = float(np.ptp(known, axis=0).max()) if len(known) else 0.0
     farthest = float(np.abs(known).max()) if len(known) else 0.0
     longest_push = 1.5  # [m] a longer one, or one far from the origin, may well be in another unit
@@ -306,6 +365,9 @@ def _time_column(table: Table) -> tuple[int | None, TimeUnit | None]:
     found = _matching(table, _TIME)
     stamps = [index for index in found if "stamp" in table.names[index]]
     chosen = next(iter(stamps or found), None)
+    unknown = [name for name in table.names if re.match("(time|timestamp|stamp)(_|$)", name)]
+    if chosen is None and unknown:
+        raise FileError(f"times are named {unknown[0]}; known units are s, ms, us and ns, as in time_ms")
     if chosen is None:
         return None, None
     match = _TIME.fullmatch(table.names[chosen])
@@ -313,20 +375,27 @@ def _time_column(table: Table) -> tuple[int | None, TimeUnit | None]:
 
 
 def _times(table: Table, column: int, unit: TimeUnit | None) -> tuple[Times, TimeUnit]:
-    """Return times (N,) [ns] and their unit. Raises FileError, which asks for it if nothing tells."""
+    """Return times (N,) [ns], of which a few may be UNKNOWN, and their unit.
+
+    Raises FileError, which asks for the unit if nothing tells.
+    """
     words = table.column(column)
     values = table.numbers([column])[:, 0]
-    if not np.isfinite(values).all():
-        index = int(np.argmin(np.isfinite(values)))
+    is_known = np.isfinite(values)
+    if not is_known.any() or not are_few(int((~is_known).sum()), len(values)):
+        index = int(np.argmin(is_known))
         raise FileError(f"line {table.lines[index]}: time is {words[index]!r}, expected a number")
-    unit = unit or time_unit(values)
-    if all(word.lstrip("+-").isdecimal() for word in words):  # exact, also beyond what a float holds
-        exact = [int(word) * NANOSECONDS[unit] for word in words]
-        if max(map(abs, exact)) < 2**62:
-            return np.array(exact, np.int64), unit
-    if np.abs(values).max() * NANOSECONDS[unit] >= 2**62:
-        raise FileError(f"times reach {np.abs(values).max():.10g} {unit}, past any clock; give --time-unit")
-    return np.round(values * NANOSECONDS[unit]).astype(np.int64), unit
+    unit = unit or time_unit(values[is_known])
+    size = NANOSECONDS[unit]
+    farthest = float(np.abs(values[is_known]).max())
+    if farthest * size >= 2**62:
+        raise FileError(f"times reach {farthest:.10g} {unit}, past any clock; give --time-unit")
+    stamps = np.full(len(values), UNKNOWN)
+    for index in np.flatnonzero(is_known):
+        word = words[index]
+        is_exact = word.lstrip("+-").isdecimal()  # also beyond what a float holds
+        stamps[index] = int(word) * size if is_exact else round(values[index] * size)
+    return stamps, unit
 
 
 def time_unit(values: Array) -> TimeUnit:
@@ -351,5 +420,6 @@ def time_unit(values: Array) -> TimeUnit:
 
 
 def is_of_calendar(values: Array, unit: TimeUnit) -> bool:
-    """Return true if times (N,) in a unit are of the years 2001 to 2096."""
-    return bool((values * NANOSECONDS[unit] >= 1e18).all() and (values * NANOSECONDS[unit] <= 4e18).all())
+    """Return true if times (N,) in a unit, all but a few, are of the years 2001 to 2096."""
+    nanoseconds = values * NANOSECONDS[unit]
+    return bool(np.mean((nanoseconds >= 1e18) & (nanoseconds <= 4e18)) >= 1.0 - MOST_WRONG)

@@ -1,6 +1,6 @@
 """Recording: images and poses of a sensor, frame by frame; and contact flags from the gaps of its ground truth."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -289,8 +289,11 @@ def _images_and_contact(
         raise FileError(f"images: found {str(images)[:60]!r}, expected N arrays, encoded images or paths of files")
     if images is not None and not sensor.image_height:
         raise FileError(f"images: found images, but the sensor {sensor.name!r} has none")
-    if images is not None and not hasattr(images, "__len__"):
-        images = list(images)  # also of a generator
+    if isinstance(images, Set):
+        raise FileError("images: found a set, which has no order, expected N images in that of their times")
+    is_indexed = hasattr(images, "__len__") and hasattr(images, "__getitem__") and not hasattr(images, "iloc")
+    if images is not None and not is_indexed:  # a generator, or a column of pandas, which has numbers of its own
+        images = list(images)
     if images is not None and len(images) != count:
         raise FileError(f"images: found {len(images)} images for {count} times, expected one for each")
     flags = None if contact is None else checks.checked_array("contact", contact, checks.FLAGS, (count,))

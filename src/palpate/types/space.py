@@ -28,6 +28,8 @@ logger = logging.getLogger(__name__)
 
 FARTHEST_GAP = 0.5
 """[s] Longest time between two poses of a moving frame over which poses are interpolated."""
+MOST_WRONG = 0.1
+"""Share of poses that may be wrong and cost only themselves."""
 STEEPEST = 20.0
 """[deg] Largest angle of a sensor's x axis out of the plane, or of its z axis from the normal: its yaw is then good."""
 
@@ -108,7 +110,7 @@ def _lost_poses(name: str, time: Times, numbers: Array) -> Flags:
         f"{name}: pose {first} at {time[first] * 1e-9:.9f} s is {numbers[first].tolist()}, allowed are a finite "
         "position and a quaternion of length 1"
     )
-    if count > 0.1 * len(time):
+    if count > MOST_WRONG * len(time):
         raise FileError(problem)
     logger.warning("%s; %d of %d such poses are taken as unknown", problem, count, len(time))
     return is_lost | is_wrong
@@ -210,12 +212,15 @@ def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: Arra
 def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
     """Return poses as positions and quaternions x, y, z, w (N, 7); rows that hold NaN become NaN.
 
-    They may be (N, 3), x, y, theta; (N, 7); or matrices (N, 4, 4). Raises FileError for anything else.
+    They may be (N, 3), x, y, theta; (N, 7); or matrices (N, 4, 4). A few that are no pose, such as a matrix of zeros,
+    become NaN with a warning. Raises FileError for anything else.
     """
     given = checks.as_array(name, poses)
     given = checks.checked_array(name, given, checks.NUMBERS, given.shape).astype(np.float64)
     if given.shape[1:] not in ((3,), (7,), (4, 4)):
         allowed = "(N, 3) of x, y, theta, (N, 7) of x, y, z, qx, qy, qz, qw, or (N, 4, 4)"
+        if given.shape[1:] == (16,):
+            allowed += ": poses.reshape(-1, 4, 4), transposed if matrices are by columns"
         raise FileError(f"{name}: found shape {given.shape}, expected {allowed}")
     numbers = np.full((len(given), 7), np.nan)
     is_known = np.isfinite(given).reshape(len(given), -1).all(axis=1)
@@ -230,12 +235,23 @@ def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
 
 def _numbers_of_planar(name: str, poses: Array) -> Array:
     """Return positions and quaternions (N, 7) of poses x, y, theta (N, 3). Raises FileError if angles are too large."""
-    largest = np.abs(poses[:, 2]).max() if len(poses) else 0.0
-    if largest > checks.TURNS:
-        raise FileError(f"{name}: found angles up to {largest:.4g} rad: are these degrees? np.radians helps")
-    half = 0.5 * poses[:, 2]
+    angle = poses[:, 2]
+    largest = np.abs(angle).max() if len(poses) else 0.0
+    is_good = np.abs(angle) <= checks.TURNS
+    _check_few(name, f"found angles up to {largest:.4g} rad: are these degrees? np.radians helps", is_good)
+    half = 0.5 * np.where(is_good, angle, np.nan)
     zero = np.zeros(len(poses))
     return np.column_stack([poses[:, :2], zero, zero, zero, np.sin(half), np.cos(half)])
+
+
+def _check_few(name: str, problem: str, is_good: Flags) -> None:
+    """Warn of a few poses (N,) that are not good, which are then unknown. Raises FileError if there are more."""
+    count = int((~is_good).sum())
+    if not count:
+        return
+    if count > MOST_WRONG * len(is_good):
+        raise FileError(f"{name}: {problem}")
+    logger.warning("%s: %s; %d of %d such poses are taken as unknown", name, problem, count, len(is_good))
 
 
 def _numbers_of_matrices(name: str, poses: Array) -> Array:
@@ -243,11 +259,27 @@ def _numbers_of_matrices(name: str, poses: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     rotation = poses[:, :3, :3]
-    is_rigid = np.isclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2))
+    is_rigid = np.asarray(np.isclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2)))
     is_rigid &= np.linalg.det(rotation) > 0.0
     is_rigid &= np.isclose(poses[:, 3], [0.0, 0.0, 0.0, 1.0]).all(axis=1)
-    checks.check_rows(name, poses, is_rigid, "a rotation and a translation, the last row 0, 0, 0, 1")
-    return np.column_stack([poses[:, :3, 3], Rotation.from_matrix(rotation).as_quat()])
+    numbers = np.full((len(poses), 7), np.nan)
+    if not is_rigid.all():
+        index = int(np.argmin(is_rigid))
+        allowed = "a rotation, of determinant 1, and a translation, the last row 0, 0, 0, 1"
+        _check_few(name, f"frame {index} is {poses[index].tolist()}, allowed is {allowed}{_asked(poses)}", is_rigid)
+    numbers[is_rigid, :3] = poses[is_rigid, :3, 3]
+    if is_rigid.any():
+        numbers[is_rigid, 3:] = Rotation.from_matrix(rotation[is_rigid]).as_quat()
+    return numbers
+
+
+def _asked(poses: Array) -> str:
+    """Return a question on what most matrices (N, 4, 4) that are not rigid seem to be, or ""."""
+    if np.isclose(poses[:, :, 3], [0.0, 0.0, 0.0, 1.0]).all(axis=1).mean() > 0.5 and np.abs(poses[:, 3, :3]).any():
+        return ": are these written by columns? np.transpose(poses, (0, 2, 1)) helps"
+    if (np.linalg.det(poses[:, :3, :3]) < 0.0).mean() > 0.5:
+        return ": is the frame left-handed?"
+    return ""
 
 
 @dataclass(frozen=True, eq=False)
