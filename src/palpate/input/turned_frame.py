@@ -59,15 +59,15 @@ class _Touch(NamedTuple):
 class FrameTurnMonitor:
     """Compares touch at the first contact with the outline of an object whose first pose is known."""
 
-    def __init__(self, shape: Shape | None, sensor: SensorProfile, pose: Array, covariance: Array) -> None:
-        """Take the outline if it is known, the sensor, and the object's first pose (3,) with its covariance (3, 3)."""
+    def __init__(self, shape: Shape, sensor: SensorProfile, pose: Array, covariance: Array) -> None:
+        """Take the outline, the sensor, and the object's first pose (3,) with its covariance (3, 3)."""
         self._shape = shape
         self._sensor = sensor
         draws = np.random.default_rng(0).standard_normal((_LIMITS.samples, 3))
         squares, axes = np.linalg.eigh(covariance)
         self._objects = se2.compose(pose, draws * np.sqrt(np.maximum(squares, 0.0)) @ axes.T)
         self._touches: list[_Touch] = []
-        self.is_open = shape is not None and len(sensor.tips) == 1 and not sensor.flat_width
+        self.is_open = len(sensor.tips) == 1 and not sensor.flat_width
         """True until all touches that tell have been seen."""
         self.found: FrameTurn | None = None
         """The turn; None if there is none, or it does not show."""

@@ -88,7 +88,6 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     normal = near["normal"]
     arm = near["point"] - model.friction_center
     extent = np.real(np.conj(normal) * arm) - gap * np.square(np.abs(normal))
-    by_outline = model.by_outline(near)
     # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
     position = g[..., 0] + 1j * g[..., 1]
     by_g = near["gap_by_g"]
@@ -100,8 +99,4 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     depth = place_of(DEPTH, model.finger)
     derivative[..., 3 + depth.start] = 1.0
     derivative[..., _SCALE] = -extent
-    if by_outline.shape[2]:
-        heights = belief.values.shape[1] - by_outline.shape[2]
-        derivative[..., _TANGENT + heights :] = by_outline
-        gap = gap + np.einsum("bpk,bk->bp", by_outline, belief.values[:, heights:])
     return gap + belief.values[:, depth] - belief[OUTLINE_SCALE] * extent, derivative

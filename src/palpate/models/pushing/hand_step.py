@@ -19,7 +19,7 @@ from palpate.models.pushing.variables import GRIP
 
 
 @kernel
-def prepare_hand_step(now: Records, row: Records, surfaces: Any) -> None:
+def prepare_hand_step(now: Records, surfaces: Any) -> None:
     """Write rotations, the contact geometry of each finger, and that of the hand."""
     put_rotations(now)
     for k in range(len(now.touches)):
