@@ -20,7 +20,6 @@ class LibrariesHook(BuildHookInterface):
         if version == "editable":
             return
         sys.path.insert(0, str(Path(self.root, "src")))
-        import palpate.models.pushing.unknown_outline
         import palpate.touch.marks  # noqa: F401
         from palpate.compiled import EVERY
         from palpate.compiled.library import LEVELS, WITH_PALPATE, make

@@ -478,26 +478,60 @@ TABLES: dict[str, Table] = {
             "cases",
         ),
     ),
-    "unknown-outline": Table(
+    "outline-attempt": Table(
         {
             "outline": "{name}",
-            "pose error": "{rms_mm_median:.1f} mm, {rms_deg_median:.1f}° ({rms_mm_worst:.0f} mm)",
+            "explorations": "{explorations}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
             "in 95 %": "{in_95:.0%}",
-            "`tracking` or `resting`": "{sure_share:.0%}",
-            "silently wrong": "{silently_wrong_share:.1%}",
+            "touched points": "{touched}",
         },
-        of_json("docs/study/unknown_outline.json", {"known": "known", "unknown": "unknown"}, "pose"),
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "known_7": "known",
+                "mean_5": "5 mm about the true one",
+                "mean_20": "20 mm about the true one",
+                "mean_20_exact": "the same, directions without error",
+                "sketch": "5 mm about a sketch that is 5 mm off",
+                "sketch_20": "the same, directions count a quarter",
+                "wrong": "that sketch, taken as known",
+            },
+            "tuning",
+        ),
     ),
-    "unknown-outline-form": Table(
+    "outline-first-contact": Table(
         {
-            "recordings": "{recordings}",
-            "pose error, unknown over known": "{ratio_median:.1f}",
-            "touched points, rms": "{touched_rms_mm_median:.1f} mm",
-            "all points, rms": "{all_rms_mm_median:.1f} mm",
-            "touched in 95 %": "{touched_in_95:.0%}",
-            "all in 95 %": "{band_in_95:.0%}",
+            "errors of directions": "{name}",
+            "yaw after one contact": "{deg:.1f}°",
+            "stated sigma": "{sigma_deg:.1f}°",
+            "in 95 %": "{in_95:.0%}",
         },
-        of_json("docs/study/unknown_outline.json", {"all": "all"}, "outline"),
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "none": "none",
+                "constant": "constant",
+                "white": "new in each frame",
+                "lasting": "lasting for ten frames",
+                "both": "constant and lasting",
+                "both_less": "the same, directions count a quarter",
+            },
+            "first_contact",
+        ),
+    ),
+    "outline-cost": Table(
+        {"first contact": "{name}", "at the estimate": "{estimate:.1f}", "near the truth": "{truth:.1f}"},
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "triangle": "triangle",
+                "hexagon": "hexagon",
+                "rounded_square": "rounded square",
+                "butterfly": "butterfly",
+            },
+            "cost",
+        ),
     ),
     "two-fingers": Table(
         {

@@ -12,7 +12,6 @@ from palpate.estimation.generate import generate
 from palpate.estimation.model import Model
 from palpate.models.pushing.hand import hand_model
 from palpate.models.pushing.model import MODEL
-from palpate.models.pushing.outline_variable import OUTLINE_MODEL
 from palpate.models.pushing.settings import SETTINGS
 
 FOLDER = Path(__file__).parents[1] / "src/palpate/models"
@@ -21,7 +20,6 @@ MODELS = {
     "generated.py": MODEL,
     "generated_two_fingers.py": hand_model(2),
     "generated_three_fingers.py": hand_model(3),
-    "generated_outline.py": OUTLINE_MODEL,
 }
 
 

@@ -111,10 +111,3 @@ def test_a_new_factor(example, tmp_path):
     (line,) = example("09_new_factor.py", tmp_path)
     mean, deviation = numbers(line)
     assert abs(mean - 0.4) < 3.0 * deviation and deviation < 0.05  # half of the prior's is 0.1
-
-
-def test_where_to_push_next(example):
-    said = example("11_where_to_push_next.py")
-    known = [numbers(line)[0] for line in said]
-    assert known[-1] < 0.25 * known[0]
-    assert "uncertain" in said[0]

@@ -11,8 +11,6 @@ from .geometry.shapes import Ellipse as Ellipse
 from .geometry.shapes import Polygon as Polygon
 from .geometry.shapes import Rectangle as Rectangle
 from .geometry.shapes import Shape as Shape
-from .hypotheses.next_push import NextPush as NextPush
-from .hypotheses.next_push import next_push as next_push
 from .io import load_recording as load_recording
 from .io.outlines import load_shape as load_shape
 from .io.recording import Recording as Recording
@@ -40,9 +38,6 @@ from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
 from .types.measurements import Turn as Turn
-from .types.outline import Outline as Outline
-from .types.outline import Sketch as Sketch
-from .types.outline import Unknown as Unknown
 from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI
 from .types.sensor import POINT as POINT

@@ -34,7 +34,6 @@ from palpate.tracker_arguments import FirstPose, check_arguments, noise_of_hand,
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import Frame, Measurement
-from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
@@ -63,8 +62,8 @@ class Sensors(Protocol):
         """Copies of the untouched gels that are known, by finger; "" is one sensor."""
         ...
 
-    def estimator(self, first: FirstPose, is_placed: bool) -> MultiHypothesisFilter:
-        """Return the filter that the sensors need, and the object's first pose; not `is_placed` if none was given."""
+    def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
+        """Return the filter that the sensors need, with the object's first pose."""
         ...
 
     def begin(self, pose: Array, covariance: Array) -> None:
@@ -100,15 +99,9 @@ class Sensors(Protocol):
         ...
 
 
-def compiled_model_of(shape: object, fingers: int = 0, graph: CompiledModel = PUSHING) -> CompiledModel:
-    """Return the model of an outline, known or learnt, and one sensor or so many fingers; `graph` is the usual one."""
-    if fingers:
-        return hand_pushing(fingers)
-    if not isinstance(shape, Unknown | Sketch):
-        return graph
-    from palpate.models.pushing.unknown_outline import OUTLINE_PUSHING
-
-    return OUTLINE_PUSHING
+def compiled_model_of(fingers: int) -> CompiledModel:
+    """Return the model of one sensor, or of so many fingers."""
+    return hand_pushing(fingers) if fingers else PUSHING
 
 
 class OneSensor:
@@ -116,7 +109,7 @@ class OneSensor:
 
     def __init__(
         self,
-        shape: Shape | Unknown | Sketch,
+        shape: Shape,
         settings: TrackerSettings,
         of_sensor: tuple[SensorProfile, TouchModel | None, Calibration | None, Touch | None],
         set_up_sigma: ArrayLike | None,
@@ -138,28 +131,20 @@ class OneSensor:
         self._shape = shape
         self._sensor = sensor
 
-    def estimator(self, first: FirstPose, is_placed: bool) -> MultiHypothesisFilter:
-        """Return the filter of a known outline, or of one that is learnt."""
-        if not isinstance(self._shape, Unknown | Sketch):
-            return MultiHypothesisFilter(
-                contact_model(self._shape, self._sensor),
-                self._settings,
-                first.pose,
-                first.covariance,
-                may_be_mirrored=self._may_be_mirrored,
-                compiled=self._graph,
-            )
-        from palpate.hypotheses.unknown_outline import UnknownOutlineFilter  # which few need
-
-        pose = first.pose if is_placed else None
-        return UnknownOutlineFilter(
-            self._shape, self._sensor, self._settings, pose, first.covariance, self._may_be_mirrored
+    def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
+        """Return the filter of the object."""
+        return MultiHypothesisFilter(
+            contact_model(self._shape, self._sensor),
+            self._settings,
+            first.pose,
+            first.covariance,
+            may_be_mirrored=self._may_be_mirrored,
+            compiled=self._graph,
         )
 
     def begin(self, pose: Array, covariance: Array) -> None:
         """Take the object's first pose: the first contact tells if the sensor's frame is turned."""
-        known = None if isinstance(self._shape, Unknown | Sketch) else self._shape
-        monitor = FrameTurnMonitor(known, self._sensor, pose, covariance)
+        monitor = FrameTurnMonitor(self._shape, self._sensor, pose, covariance)
         self._turn_monitor = monitor if monitor.is_open else None  # until all touches that tell have been seen
         self._turn: FrameTurn | None = None
         self._is_mirrored_told = False
@@ -294,8 +279,8 @@ class SeveralFingers:
         self._may_be_exchanged = not is_view_known and len(hand.fingers) == 2
         self._priors_of_fingers = tuple(each.priors for each in of_fingers)
 
-    def estimator(self, first: FirstPose, is_placed: bool) -> MultiHypothesisFilter:
-        """Return the filter of a hand; without a first pose, the object is anywhere."""
+    def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
+        """Return the filter of a hand."""
         return MultiHypothesisFilter(
             self._model,
             self._settings,

@@ -121,10 +121,6 @@ class PoseEvidence:
     """The least plausible variable of the object, if there is one that is implausible."""
     is_displaced: bool = False
     """True if the object was moved while nothing touched it, and is not found again."""
-    contradicting_form: str = ""
-    """Sentence on a learnt outline that contradicts what was given of it; empty if it does not."""
-    unknown_form: str = ""
-    """Sentence on a learnt outline that is not known well enough; empty if it is."""
     takes_images_as_mirrored: bool = False
     """True if touch fits the push only with images that are upside down or mirrored."""
     may_images_be_mirrored: bool = False
@@ -162,8 +158,6 @@ def _contradiction(on: Evidence) -> str:
     if on.pose.contradicting_outline > 0.0:
         distance = f"{1e3 * on.pose.contradicting_outline:.0f} mm"
         return f"measured object poses put the outline up to {distance} from where the sensor touches it"
-    if on.pose.contradicting_form:
-        return on.pose.contradicting_form
     if on.pose.implausible is not None:
         name, deviations = on.pose.implausible
         variable = VARIABLES.get(name, name)
@@ -283,11 +277,6 @@ TABLE = (
         status="displaced",
         applies=lambda on: on.pose.is_displaced,
         reason=lambda on: "the object was moved while nothing touched it",
-    ),
-    StatusRow(
-        status="uncertain",
-        applies=lambda on: bool(on.pose.unknown_form),
-        reason=lambda on: on.pose.unknown_form,
     ),
     StatusRow(
         status="uncertain",

@@ -23,7 +23,6 @@ from palpate.tracker_arguments import check_arguments, first_pose_of
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement
-from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
 
@@ -35,7 +34,7 @@ class Tracker:
 
     def __init__(
         self,
-        shape: Shape | Unknown | Sketch,
+        shape: Shape,
         sensor: SensorProfile | str | Mapping[str, SensorProfile | str] | Hand,
         first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
@@ -76,19 +75,15 @@ class Tracker:
         self._sensors: Sensors
         if hand is None:
             of_sensor: Any = (known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
-            warm_up(compiled_model_of(shape, 0, graph))
+            warm_up(graph)
             self._sensors = OneSensor(shape, settings, of_sensor, set_up_sigma, is_view_known, graph)
         else:
             if graph is not PUSHING:
                 raise SettingError("graph is an extended model, which has one sensor; a hand has the model of pushing")
-            if isinstance(shape, Unknown | Sketch):
-                raise SettingError(
-                    "the outline is unknown, and the sensor is a hand; an outline is learnt by one sensor"
-                )
             units = units_of(shape, settings, hand, model, calibration, touch)
-            warm_up(compiled_model_of(shape, len(hand.fingers)))
+            warm_up(compiled_model_of(len(hand.fingers)))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
-        self._filter = self._sensors.estimator(self._first, is_placed=first_pose is not None)
+        self._filter = self._sensors.estimator(self._first)
         self._sensors.begin(self._first.pose, self._first.covariance)
 
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:

@@ -18,7 +18,6 @@ from palpate.touch.calibration import UNCORRECTED, Calibration
 from palpate.touch.pipeline import Touch
 from palpate.touch.touch_model import TouchModel
 from palpate.types.measurements import finite_numbers
-from palpate.types.outline import Sketch, Unknown
 
 logger = logging.getLogger(__name__)
 
@@ -44,8 +43,7 @@ class FirstPose:
 
 def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:
     """Raise SettingError or ShapeError unless all are of the right kind and unit; all but the first may be None."""
-    if not isinstance(shape, Unknown | Sketch):
-        check_outline(shape)
+    check_outline(shape)
     for name, found, kind, maker in (
         ("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)"),
         ("model", model, TouchModel, "a palpate.TouchModel(folder)"),

@@ -11,7 +11,6 @@ from typing import Any
 
 import palpate
 from palpate.cli.console import complain, progress_bar, progress_log
-from palpate.cli.learnt_outline import bag_to_read, drop_outline_errors
 from palpate.cli.options import Start
 from palpate.cli.quantities import ANGLE, LENGTH, quantity
 from palpate.cli.sources import Source
@@ -35,8 +34,6 @@ class Way:
     calibration: "palpate.Calibration | Mapping[str, palpate.Calibration] | None" = None
     first_poses: Mapping[str, Start] | None = None
     """Starts by the names of files, in place of one for all."""
-    outline: "palpate.Unknown | palpate.Sketch | None" = None
-    """Outline that is to be learnt, in place of that of the recording."""
 
     def start_of(self, file: Path) -> Start:
         """Return the start of a recording. Raises SettingError if there is none in the table of first poses."""
@@ -49,14 +46,7 @@ class Way:
 
     def read(self, file: Path) -> "palpate.BagReading":
         """Return a recording, and the plane of its push. Raises PalpateError."""
-        bag = bag_to_read(self.source.bag, self.outline, not self.has_outline(file))
-        return replace(self.source, bag=bag).read(file)
-
-    def has_outline(self, file: Path) -> bool:
-        """Return True for a recording with an outline of its own; a bag has the one that options give it."""
-        from palpate.io import detect_format
-
-        return file.is_file() and detect_format(file) not in (None, "bag")
+        return self.source.read(file)
 
     def about(self, file: Path) -> dict[str, Any]:
         """Return the state of a recording's file and the settings it is tracked by, as plain data."""
@@ -67,7 +57,6 @@ class Way:
             **asdict(self.source),
             "model": self.model and self.model.hash,
             "calibration": _hash_of(self.calibration),
-            **({} if self.outline is None else {"outline": asdict(self.outline)}),
         }
         about = {"file": str(file.absolute()), "size": stat.st_size, "modified_ns": stat.st_mtime_ns}
         return json.loads(json.dumps({**about, "options": options}, default=str))
@@ -137,12 +126,12 @@ def read_first_poses(path: Path) -> dict[str, Start]:
     return starts
 
 
-def load_estimator(outline: "palpate.Unknown | palpate.Sketch | None" = None, fingers: int = 0) -> None:
+def load_estimator(fingers: int = 0) -> None:
     """Load compiled code, for a hand of so many fingers or for one sensor, with a bar as the first time takes 30 s."""
     from palpate.sensors import compiled_model_of
     from palpate.tracker import machine_code, warm_up
 
-    graph = compiled_model_of(outline, fingers)
+    graph = compiled_model_of(fingers)
     with progress_bar("loading the estimator", len(machine_code(graph))) as progress:
         warm_up(graph, progress)
 
@@ -163,8 +152,6 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
             nanoseconds(file, recording.time)  # raises before tracking if they cannot be stamps
 
         def keep(run: "palpate.Run") -> None:
-            if way.outline is not None and not way.has_outline(file):
-                drop_outline_errors(run.summary)
             if outputs.page:
                 logger.info("drawing %s", PAGE)
                 with progress_bar(f"drawing {PAGE}"):
@@ -177,9 +164,9 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
             logger.info("writing %s", folder)
             write_files(run, part, plane, way.about(file), outputs.names())
 
-        start: Any = {"first_pose": first_pose, "first_pose_sigma": sigma, "outline": way.outline}
+        start: Any = {"first_pose": first_pose, "first_pose_sigma": sigma}
         model: Any = {"settings": way.settings, "model": way.model, "calibration": way.calibration}
-        load_estimator(way.outline, 0 if recording.hand is None else len(recording.hand.fingers))
+        load_estimator(0 if recording.hand is None else len(recording.hand.fingers))
         with progress_bar(file.name, len(recording)) as progress:
             run = palpate.track(recording, **start, **model, progress=progress, keep=keep)
         keep(run)
@@ -220,7 +207,7 @@ def track_files(
     if workers == 1:
         done(map(work, begun), lambda _: None)
     else:
-        load_estimator(way.outline)  # before there are workers, so that none has to
+        load_estimator()  # before there are workers, so that none has to
         with progress_bar("tracking", len(begun)) as progress, processes(workers) as pool:
             done(results_in_any_order(pool, partial(_silently, work), begun), progress)
     return [outcomes[job] for job in jobs]

@@ -88,14 +88,14 @@ def make_improve_row(model: Functions) -> Any:
         is_changing = True
         for _ in range(iterations):
             for k in range(len(steps)):
-                model.prepare_step(steps[k], row, surface)
+                model.prepare_step(steps[k], surface)
             is_found = eliminate_steps(steps, left, row, terms, own, given)
             row.is_lost = not (is_found and move(steps, row, work.change))
             is_changing = not row.is_lost and row.change >= CONVERGED
             if not is_changing:
                 break
         if not row.is_lost:
-            model.prepare_step(steps[len(steps) - 1], row, surface)
+            model.prepare_step(steps[len(steps) - 1], surface)
             model.prepare_last(steps, row, given.settings[0])
             put_process_innovations(steps, row, given)
             put_object_covariance(steps[len(steps) - 1], row, work)

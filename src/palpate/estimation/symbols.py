@@ -147,35 +147,18 @@ class Symbols:
                 for k in range(variable.dimension):
                     load = f"{step}.{record}.{by}[{k}]{suffix}"
                     derivatives[first_column + place.start + k] = self._number(f"{label}_by_{variable.field}{k}", load)
-            if step == "now":
-                derivatives |= self._by_shared(name, record, suffix, label)
             symbols.append(self._number(label, f"{step}.{record}.{name}{suffix}", derivatives))
         return Vector(*symbols) if is_vector else symbols[0]
 
-    def _by_shared(self, name: str, record: str, suffix: str, label: str) -> dict[int, Any]:
-        """Return the derivatives of a number of the contact geometry by shared variables that the geometry knows."""
-        derivatives: dict[int, Any] = {}
-        for variable in self.model.shared:
-            by = f"{name}_by_{variable.name}"
-            if by in (self.model.geometry.names or ()):
-                for k in range(self.model.geometry[by].shape[0]):
-                    symbol = self._number(f"{label}_by_{variable.name}{k}", f"now.{record}.{by}[{k}]{suffix}")
-                    derivatives[self.model.column(variable) + k] = symbol
-        return derivatives
-
     def _shared(self, variable: Variable) -> Any:
-        """Return a shared variable: a number, a vector of two, or a tuple of more."""
+        """Return a shared variable: a number, or a vector of two."""
         first = self.model.in_shared[variable].start
         column = self.model.column(variable)
         names = [variable.name] if variable.dimension == 1 else [f"{variable.name}_{axis}" for axis in "xy"]
-        if variable.dimension > 2:
-            names = [f"{variable.name}_{k}" for k in range(variable.dimension)]
         numbers = [
             self._number(name, f"row.shared[{first + k}]", {column + k: sympy.Integer(1)})
             for k, name in enumerate(names)
         ]
-        if variable.dimension > 2:
-            return tuple(numbers)
         return numbers[0] if variable.dimension == 1 else Vector(*numbers)
 
     def _difference(self, k: int) -> sympy.Symbol:

@@ -21,8 +21,7 @@ class Variable:
     scope: Scope
     """Lifetime. Variables of a step are planar poses with right (body-frame) perturbations; the others are vectors."""
     dimension: int = 1
-    """Size: 3 of a pose, which is that of its tangent space; of the others 1, a number, or 2, a vector of the plane;
-    more numbers of the object are a tuple."""
+    """Size: 3 of a pose, which is that of its tangent space; of the others 1, a number, or 2, a vector of the plane."""
     symbol: str = ""
     """Short name in formulas and in the records of steps; by default the name."""
     prior: Gaussian = (0.0, math.inf)
@@ -38,8 +37,7 @@ class Variable:
 
     def __post_init__(self) -> None:
         allowed = (3,) if self.scope == "step" else (1, 2)
-        is_outline = self.scope == "object" and self.dimension > 2  # factors read it by the contact geometry
-        if self.dimension not in allowed and not is_outline:
+        if self.dimension not in allowed:
             raise SettingError(f"variable {self.name!r} has dimension {self.dimension}; allowed are {allowed}")
 
     @property

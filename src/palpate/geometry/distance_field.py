@@ -26,17 +26,17 @@ class DistanceField(NamedTuple):
     coefficients that begin at its row and column."""
 
     @classmethod
-    def of(cls, shape: Shape, margin: float = 0.04, count: int = 512) -> "DistanceField":
+    def of(cls, shape: Shape, margin: float = 0.04) -> "DistanceField":
         """Sample a shape, with a margin [m] around it that should exceed the sensor's radius of curvature.
 
-        The longer side of the grid has `count` nodes; 512 take a few megabytes for any object. The spline is exact to
-        micrometres where the distance is smooth. At its kinks, the corners and the medial axis, it is off by a fifth of
-        a cell and recovers within three.
+        The longer side of the grid has 512 nodes: a few megabytes for any object. The spline is exact to micrometres
+        where the distance is smooth. At its kinks, the corners and the medial axis, it is off by a fifth of a cell and
+        recovers within three.
         """
         outline = shape.outline(400)
         low = outline.min(axis=0) - margin
         high = outline.max(axis=0) + margin
-        cell = float((high - low).max()) / (count - 1)
+        cell = float((high - low).max()) / (512 - 1)
         columns, rows = np.ceil((high - low) / cell - 1e-9).astype(int) + 1
         x = low[0] + cell * np.arange(columns)
         y = low[1] + cell * np.arange(rows)

@@ -57,9 +57,7 @@ def outline_places(model: ContactModel) -> OutlinePlaces:
 
 
 def is_round(model: ContactModel) -> bool:
-    """Return True if the outline is known to be the same at every yaw, so that touch cannot measure it."""
-    if model.is_learnt:
-        return False
+    """Return True if the outline is the same at every yaw, so that touch cannot measure it."""
     distances = np.abs(outline_places(model).center - model.friction_center)
     return bool(np.ptp(distances) < _ROUND_TO)
 

@@ -17,7 +17,6 @@ from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.variables import GRIP
 from palpate.status import Ambiguity, Implausible, PoseEvidence, Verdict
 from palpate.types.estimate import Answer, Estimate, Origin
-from palpate.types.outline import Outline
 
 _FOUND_SIGMA = np.array((0.005, 0.005, 0.1))
 """[m, m, rad] standard deviations below which a displaced object is found again."""
@@ -49,8 +48,6 @@ class Posterior:
     """Signs of how well the pose is known, for the status."""
     touching: Touching | None
     """The contact; None between contacts."""
-    outline: Outline | None = None
-    """The outline, if it is not that of a known object."""
 
     def estimate(self, time: float, verdict: Verdict) -> Estimate:
         """Return the estimate at a time [s]."""
@@ -77,7 +74,6 @@ class Posterior:
             contact_point=point,
             contact_normal=normal,
             innovations=None if touching is None else touching.innovations,
-            outline=self.outline,
         )
 
     def _answers(self) -> tuple[Answer, ...]:

@@ -59,8 +59,8 @@ class _Touch(NamedTuple):
 class FrameTurnMonitor:
     """Compares touch at the first contact with the outline of an object whose first pose is known."""
 
-    def __init__(self, shape: Shape | None, sensor: SensorProfile, pose: Array, covariance: Array) -> None:
-        """Take the outline if it is known, the sensor, and the object's first pose (3,) with its covariance (3, 3)."""
+    def __init__(self, shape: Shape, sensor: SensorProfile, pose: Array, covariance: Array) -> None:
+        """Take the outline, the sensor, and the object's first pose (3,) with its covariance (3, 3)."""
         self._shape = shape
         self._sensor = sensor
         draws = np.random.default_rng(0).standard_normal((_LIMITS.samples, 3))
@@ -69,7 +69,7 @@ class FrameTurnMonitor:
         self._touches: list[_Touch] = []
         self._unread_way = 0.0  # [m] in contact, before a direction was read
         self._contact_pose: Array | None = None  # of the sensor in the frame before, if it touched
-        self.is_open = shape is not None and len(sensor.tips) == 1 and not sensor.flat_width
+        self.is_open = len(sensor.tips) == 1 and not sensor.flat_width
         """True until all touches that tell have been seen."""
         self.found: FrameTurn | None = None
         """The turn; None if there is none, or it does not show."""

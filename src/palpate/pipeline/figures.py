@@ -18,7 +18,6 @@ from palpate.pipeline.metrics import deviations, flag_runs, pose_words, rotation
 from palpate.pipeline.push_calibration import NUMBERS, PushFit
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Status
-from palpate.types.outline import Outline
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -108,8 +107,6 @@ def draw_from_above(axes: "Axes", run: Run) -> None:
         label = "" if index else "sensor (dotted: no contact)"
         axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label=label)
     frames = np.linspace(0, len(online) - 1, 12).astype(int)
-    if run.outline is not None:  # before it is touched, an object that nobody drew has no place
-        frames = frames[np.maximum.accumulate(online.contact)[frames]]
     ellipses = ellipses_95(online.pose[frames], online.covariance[frames])
     lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
     axes.plot(*millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
@@ -154,10 +151,7 @@ def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
     truth = run.recording.truth[frame]
     if np.isfinite(truth).all():
         drawn += axes.fill(*outline_at(run, truth), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)
-    drawn += axes.plot(*_estimated_at(run, run.online.pose[frame]), color=ESTIMATE, lw=1.8)
-    if run.outline is not None:
-        for edge in _band_at(run.outline, run.online.pose[frame]):
-            drawn += axes.plot(*edge, color=ESTIMATE, lw=0.8, ls=":")
+    drawn += axes.plot(*outline_at(run, run.online.pose[frame]), color=ESTIMATE, lw=1.8)
     for sensor, pose in run.recording.tips():
         for pad in sensor.pads:
             drawn += axes.fill(*millimetres(se2.transform(pose[frame], pad)), color=SENSOR, alpha=0.8, lw=0)
@@ -219,23 +213,6 @@ def outline_at(run: Run, pose: Array) -> Array:
     """Return the closed outline (2, P) [mm] at a pose (3,)."""
     outline = run.recording.shape.outline(100)
     return millimetres(se2.transform(pose, np.concatenate((outline, outline[:1]))))
-
-
-def _estimated_at(run: Run, pose: Array) -> Array:
-    """Return the closed outline (2, P) [mm] as it was learnt, or else as it is known, at a pose (3,)."""
-    if run.outline is None:
-        return outline_at(run, pose)
-    points = run.outline.points
-    return millimetres(se2.transform(pose, np.concatenate((points, points[:1]))))
-
-
-def _band_at(outline: Outline, pose: Array) -> list[Array]:
-    """Return both edges (2, P) [mm] of the 95 % band of a learnt outline at a pose (3,)."""
-    points = outline.points
-    along = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    normal = np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
-    edges = [points + sign * 1.96 * outline.deviation[:, None] * normal for sign in (-1.0, 1.0)]
-    return [millimetres(se2.transform(pose, np.concatenate((edge, edge[:1])))) for edge in edges]
 
 
 def millimetres(points: Array) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
 from palpate.checks import without_gradient
-from palpate.config import ANYWHERE_SIGMA, NoiseSettings, TrackerSettings
+from palpate.config import NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError, kept_warnings, one_line
 from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
@@ -20,7 +20,6 @@ from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.check_hand import check_calibrations
 from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.first_release import release_after_start
-from palpate.pipeline.learnt_outline import in_frame_of_truth, outline_scores
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
 from palpate.pipeline.report import reasons_of
 from palpate.sensors import compiled_model_of
@@ -29,7 +28,6 @@ from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
 from palpate.types.choices import TactileChoice
 from palpate.types.estimate import Answers, Estimate, Trajectory
-from palpate.types.outline import LACKS_DIRECTIONS, Outline, Sketch, Unknown
 
 logger = logging.getLogger(__name__)
 
@@ -59,8 +57,6 @@ class Run:
     """Scores of the online estimates; see `metrics.summarise`."""
     calibrations: Mapping[str, Calibration] = field(default_factory=dict)
     """Calibrations of a hand's fingers that were given."""
-    outline: Outline | None = None
-    """The outline as learnt, if it was unknown or a sketch."""
 
 
 def track(
@@ -71,7 +67,6 @@ def track(
     first_pose_sigma: ArrayLike | None = None,
     model: TouchModel | None = None,
     calibration: Calibration | Mapping[str, Calibration] | None = None,
-    outline: Unknown | Sketch | None = None,
     progress: Callable[[int], None] | None = None,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
@@ -79,9 +74,8 @@ def track(
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
     default see `first_pose_of_recording`. Without a calibration, the untouched gel of a recording that begins in
-    contact is taken from its first release. `outline` takes the place of the recording's, which is then used for scores
-    alone; without a `first_pose`, an unknown one is where it is touched first, see `pipeline.learnt_outline`.
-    `progress` is called with the number of frames done. A frame that cannot be used is skipped, see `tracked_frames`.
+    contact is taken from its first release. `progress` is called with the number of frames done. A frame that cannot be
+    used is skipped, see `tracked_frames`.
 
     Raises SettingError if the recording lacks something that the settings need, EstimationError if no estimate can be
     computed or the first frame cannot be used. If an error or Ctrl-C ends tracking early, it is raised after `keep` was
@@ -90,25 +84,19 @@ def track(
     begin = time.perf_counter()
     total = len(recording)
     settings = settings or TrackerSettings()
-    is_placed_by_touch = isinstance(outline, Unknown) and first_pose is None
-    first, sigma = _anywhere()
-    if not is_placed_by_touch:
-        first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
+    first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
     _check_content(recording, settings.tactile)
     check_calibrations(recording, calibration)
-    warm_up(compiled_model_of(outline, len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
+    warm_up(compiled_model_of(len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
     with kept_warnings() as warnings:
         of_fingers = calibration if isinstance(calibration, Mapping) else {}
         unit = None if isinstance(calibration, Mapping) else calibration
-        if unit is None and not is_placed_by_touch:
+        if unit is None:
             unit = release_after_start(recording, first, sigma, settings.tactile)
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
-        shape = outline or recording.shape
-        placed = None if is_placed_by_touch else first
         sensor = recording.hand or recording.sensor
-        warnings.extend(_lacking(recording, settings, outline))
-        tracker = Tracker(shape, sensor, placed, settings, model, of_fingers or unit, **start)
+        tracker = Tracker(recording.shape, sensor, first, settings, model, of_fingers or unit, **start)
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, tracker.tactile_reason or "as asked")
         logger.info("tracking %d frames of %s", total, recording.sensor.name)
@@ -116,43 +104,23 @@ def track(
     if failure is not None:
         recording = _tracked_part(recording, estimates, failure, keep)
     settings = replace(settings, tactile=tracker.tactile)
-    if is_placed_by_touch and estimates:
-        estimates = in_frame_of_truth(estimates, recording.truth)
-        first = estimates[0].pose
     online, answers = gathered(estimates)
-    for sentence in () if outline else mismatches(recording, online.contact, first, sigma):
+    for sentence in mismatches(recording, online.contact, first, sigma):
         warnings.append(sentence)
         logger.warning("%s: %s", recording.file or "the recording", sentence)
     wall_s = time.perf_counter() - begin
     summary = _scores(recording, settings, online, step_ms, wall_s)
     summary |= _scores_of_estimates(recording, estimates, online, answers)
     summary |= {"warnings": [*recording.warnings, *warnings], "mirrored": tracker.mirrored}
-    learnt = estimates[-1].outline
-    summary |= outline_scores(learnt, recording)
     summary["ended"] = _end_of(failure, estimates, total)
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
     used_model = _used_model(recording, settings, model)
-    run = Run(
-        recording, settings, used_model, unit, first, sigma, online, answers, step_ms, summary, of_fingers, learnt
-    )
+    run = Run(recording, settings, used_model, unit, first, sigma, online, answers, step_ms, summary, of_fingers)
     if failure is not None and keep:
         keep(run)
         raise failure
     return run
-
-
-def _lacking(recording: Recording, settings: TrackerSettings, outline: Unknown | Sketch | None) -> list[str]:
-    """Return a sentence if a recording has nothing that tells of an unknown outline, and log it."""
-    if not isinstance(outline, Unknown) or recording.image is not None or settings.tactile == "oracle":
-        return []
-    logger.warning("%s: %s", recording.file or "the recording", LACKS_DIRECTIONS)
-    return [LACKS_DIRECTIONS]
-
-
-def _anywhere() -> tuple[Array, Array]:
-    """Return the first pose of an object that may be anywhere, and its sigma."""
-    return np.zeros(3), np.array(ANYWHERE_SIGMA)
 
 
 def _factors(recording: Recording) -> tuple[str, ...]:

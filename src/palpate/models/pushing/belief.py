@@ -90,13 +90,8 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     derivative = np.zeros((*shape, _TANGENT + belief.values.shape[1]))
     depth = place_of(DEPTH, model.finger).start
     _put_clearances(
-        belief.pose, belief.values, poses, depth, model.friction_center, model.at_rest.surface, near, gap, derivative
+        belief.pose, belief.values, poses, depth, model.friction_center, model.surface, near, gap, derivative
     )
-    if model.is_learnt:
-        by_outline = model.by_outline(near)
-        heights = belief.values.shape[1] - by_outline.shape[2]
-        derivative[..., _TANGENT + heights :] = by_outline
-        gap += np.einsum("bpk,bk->bp", by_outline, belief.values[:, heights:])
     return gap, derivative
 
 

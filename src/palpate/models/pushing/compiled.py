@@ -5,7 +5,6 @@ import sys
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
@@ -25,31 +24,30 @@ from palpate.models.pushing.model import MODEL
 from palpate.models.pushing.settings import SETTINGS
 
 
-def compiled_model(model: Model, code: ModuleType, name: str, surface: Any = SURFACE, **instead: Any) -> CompiledModel:
+def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
     """Return a model of pushing for compiled code: the functions of its generated module, and those of a step.
 
-    `name` tells models apart where compiled code is kept, `surface` is an example of a sensor's surface. Functions of
-    `Functions` by name take the place of the usual.
+    `name` tells models apart where compiled code is kept.
     """
     is_hand = model.fingers > 0
-    usual: dict[str, Any] = {
-        "move_step": code.move_step,
-        "copy_step": code.copy_step,
-        "difference": code.difference,
-        "linearise_step": code.linearise_step,
-        "linearise_measured": code.linearise_measured,
-        "prepare_step": hand_step.prepare_hand_step if is_hand else step.prepare_step,
-        "prepare_process": hand_step.make_put_hand_force(model) if is_hand else force.make_put_force(model),
-        "prepare_last": hand_step.make_put_last_hand_force(model) if is_hand else force.make_put_last_force(model),
-        "put_object": step.put_object,
-        "put_object_derivative": step.put_object_derivative,
-    }
-    functions = functions_of(model, **(usual | instead))
+    functions = functions_of(
+        model,
+        move_step=code.move_step,
+        copy_step=code.copy_step,
+        difference=code.difference,
+        linearise_step=code.linearise_step,
+        linearise_measured=code.linearise_measured,
+        prepare_step=hand_step.prepare_hand_step if is_hand else step.prepare_step,
+        prepare_process=hand_step.make_put_hand_force(model) if is_hand else force.make_put_force(model),
+        prepare_last=hand_step.make_put_last_hand_force(model) if is_hand else force.make_put_last_force(model),
+        put_object=step.put_object,
+        put_object_derivative=step.put_object_derivative,
+    )
     records = record_types(model)
     given = Given(
         settings=np.zeros(1, SETTINGS),
         drift=np.zeros(1),
-        surface=model.fingers * (surface,) if is_hand else surface,
+        surface=model.fingers * (SURFACE,) if is_hand else SURFACE,
         places=np.zeros((1, 1)),
         work=np.zeros(1, records.work),
     )

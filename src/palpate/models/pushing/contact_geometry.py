@@ -97,11 +97,6 @@ class ContactModel:
     finger: int = 0
     """Number of the finger in a hand."""
 
-    @property
-    def is_learnt(self) -> bool:
-        """True if the outline is a variable."""
-        return False
-
     @cached_property
     def center(self) -> complex:
         """Middle of the parts [m], sensor frame."""
@@ -135,15 +130,6 @@ class ContactModel:
         out = np.empty(g.shape[:2], CONTACT_GEOMETRY)
         _touching(np.ascontiguousarray(g), self.surface, out)
         return out
-
-    @cached_property
-    def at_rest(self) -> "ContactModel":
-        """The contact model without heights of the outline, which a known one does not have."""
-        return self
-
-    def by_outline(self, near: NDArray[np.void]) -> Array:
-        """Return the derivatives (B, N, K) of gaps by variables of the outline, none of a known one."""
-        return np.zeros((*near.shape, 0))
 
     def moved_along(self, g: Array, lengths: Array) -> Array:
         """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, at constant yaw.

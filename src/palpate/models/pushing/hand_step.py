@@ -23,7 +23,7 @@ then more than 120 degrees apart."""
 
 
 @kernel
-def prepare_hand_step(now: Records, row: Records, surfaces: Any) -> None:
+def prepare_hand_step(now: Records, surfaces: Any) -> None:
     """Write rotations, the contact geometry of each finger, and that of the hand."""
     put_rotations(now)
     for k in range(len(now.touches)):

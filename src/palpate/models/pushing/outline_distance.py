@@ -45,8 +45,8 @@ def _spline(x: float, y: float, field: DistanceField) -> tuple[float, complex, c
     _origin, cell, coefficients = field
     column = int(x)
     row = int(y)
-    weights_x = weights_at(x - column)
-    weights_y = weights_at(y - row)
+    weights_x = _weights(x - column)
+    weights_y = _weights(y - row)
     value = 0.0
     by_x = 0.0
     by_y = 0.0
@@ -75,7 +75,7 @@ def _spline(x: float, y: float, field: DistanceField) -> tuple[float, complex, c
 
 
 @kernel
-def weights_at(f: float) -> tuple[Weights, Weights, Weights]:
+def _weights(f: float) -> tuple[Weights, Weights, Weights]:
     """Return the weights of four spline coefficients at position f in a cell: value, first and second derivative."""
     rest = 1.0 - f
     value = (

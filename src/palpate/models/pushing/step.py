@@ -12,8 +12,8 @@ rests until the force reaches the friction with the table."""
 
 
 @kernel
-def prepare_step(now: Records, row: Records, surface: Surface) -> None:
-    """Write rotations and contact geometry, which several factors read; nothing of the row is needed for these."""
+def prepare_step(now: Records, surface: Surface) -> None:
+    """Write rotations and contact geometry, which several factors read."""
     put_rotations(now)
     put_touch(position(now.g), now.turn_g, surface, now.touch)
 

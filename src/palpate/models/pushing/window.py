@@ -17,7 +17,6 @@ from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import OfFinger, Step, terms_of
-from palpate.models.pushing.outline_change import OutlineChange
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.types.measurements import ContactCorner, OwnMeasurement, Turn
@@ -134,12 +133,6 @@ class ContactWindow(PushingWindow):
             for variable in forgotten:
                 _forget(past, model.step_size, model.in_shared[variable].start, variable)
         self._have_turns.discard(finger)
-
-    def change_outline(self, change: OutlineChange, settings: NDArray[np.void]) -> None:
-        """Take another curve of an outline that is a variable; the next solution is by it."""
-        self._model = change.model
-        self._given = self._given._replace(settings=settings, surface=change.model.surface)
-        change.apply(self.rows)
 
     def disturb(self, rows: Indices, steps: int, slide: Array, spread: float) -> None:
         """Let something else have moved the object in the last steps, in some rows; rows without a solution are lost.
