@@ -329,7 +329,7 @@ def test_options_of_a_camera_that_do_not_go_together(camera, fails):
     assert "either --camera with --poses, or --replay" in fails("live", "--camera", "0")
     assert "X Y THETA or --first-pose-unknown" in fails("live", "--camera", "0", "--poses", "udp:9")
     refused = fails(*camera_words("udp:9"), "--clock", "log")
-    assert "only --shape, --shape-unit, --shape-layer, --sensor, --orientation" in refused
+    assert "only --shape, --shape-unit, --shape-layer, --sensor, --mounts, --orientation" in refused
     assert "plane is fit, which needs all poses" in fails(*camera_words("udp:9"), "--plane", "fit")
     for wrong in ("udp:x", "other", "udp:70000"):
         assert f"{wrong!r}; allowed is udp:PORT" in fails(*camera_words(wrong))

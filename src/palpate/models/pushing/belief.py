@@ -83,7 +83,7 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
 
     These are (B, P, 3 + V), by the belief in the order of `Belief.covariance`.
     """
-    poses = sensor_poses.reshape(-1, *sensor_poses.shape[-2:])
+    poses = np.ascontiguousarray(sensor_poses.reshape(-1, *sensor_poses.shape[-2:]))
     shape = (len(belief), poses.shape[1])
     near = np.empty(shape, CONTACT_GEOMETRY)
     gap = np.empty(shape)
