@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
 from palpate.config import TactileChoice, TrackerSettings
-from palpate.errors import SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Shape
 from palpate.hypotheses.filter import MultiHypothesisFilter
@@ -27,14 +26,11 @@ from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Fingers, OfFinger
 from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, decide, turn_words
 from palpate.touch.background import Background
-from palpate.touch.calibration import Calibration
-from palpate.touch.pipeline import Touch, TouchReader
-from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import FirstPose, check_arguments, noise_of_hand, noise_of_unit
+from palpate.touch.pipeline import TouchReader
+from palpate.tracker_arguments import FirstPose, Unit, noise_of_hand, noise_of_unit
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import Frame, Measurement
-from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
 
@@ -111,25 +107,23 @@ class OneSensor:
         self,
         shape: Shape,
         settings: TrackerSettings,
-        of_sensor: tuple[SensorProfile, TouchModel | None, Calibration | None, Touch | None],
+        unit: Unit,
         set_up_sigma: ArrayLike | None,
         is_view_known: bool,
         graph: CompiledModel,
     ) -> None:
-        sensor, model, calibration, touch = of_sensor
-        self._tips = len(sensor.tips)
+        calibration = unit.calibration
+        self._tips = len(unit.sensor.tips)
         self._correction = SensorCorrection(calibration.set_up if calibration else None)
-        self._gate = InputGate(sensor, calibration, settings.markers == "auto")
-        self._is_touch_given = touch is not None
+        self._gate = InputGate(unit.sensor, calibration, settings.markers == "auto")
+        self._is_touch_given = unit.touch is not None
+        self._settings = replace(settings, noise=noise_of_unit(settings.noise, unit, set_up_sigma))
         is_view_known |= calibration is not None and calibration.is_view_known
-        pitch_sigma = 0.0 if self._is_touch_given else sensor.pixel_pitch_sigma
-        noise = noise_of_unit(settings.noise, calibration, pitch_sigma, set_up_sigma)
-        self._settings = replace(settings, noise=noise)
         self._may_be_mirrored = not (is_view_known or self._is_touch_given)
         self._graph = graph
-        self._touch = TouchReader(settings.tactile, sensor, model, calibration, own=touch)
+        self._touch = _reader_of(unit, settings)
         self._shape = shape
-        self._sensor = sensor
+        self._sensor = unit.sensor
 
     def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
         """Return the filter of the object."""
@@ -236,15 +230,6 @@ class OneSensor:
         return self._correction.at_frame_time(estimate, checked.corrected)
 
 
-@dataclass(frozen=True, eq=False)
-class Units:
-    """Properties of single fingers of a hand, by their names; some may be left out."""
-
-    models: Mapping[str, TouchModel]
-    calibrations: Mapping[str, Calibration]
-    touch: Mapping[str, Touch]
-
-
 class SeveralFingers:
     """The fingers of a hand: a gate and a reader of touch for each."""
 
@@ -253,31 +238,20 @@ class SeveralFingers:
         shape: Shape,
         hand: Hand,
         settings: TrackerSettings,
-        units: Units,
+        units: Mapping[str, Unit],
         set_up_sigma: ArrayLike | None,
         is_view_known: bool,
     ) -> None:
-        calibrations = units.calibrations
-        self._own = units.touch
-        self._readers = {
-            name: TouchReader(
-                settings.tactile, sensor, units.models.get(name), calibrations.get(name), units.touch.get(name)
-            )
-            for name, sensor in hand.fingers.items()
-        }
+        self._own = {name for name, unit in units.items() if unit.touch is not None}
+        self._readers = {name: _reader_of(unit, settings) for name, unit in units.items()}
+        calibrations = {name: unit.calibration for name, unit in units.items() if unit.calibration is not None}
         self._gate = HandGate(hand, calibrations, self._readers, settings.markers == "auto")
         self._hand = hand
-        noise = noise_of_hand(settings.noise, set_up_sigma, len(hand.fingers))
-        of_fingers = [
-            noise_of_unit(
-                settings.noise, calibrations.get(name), 0.0 if name in units.touch else sensor.pixel_pitch_sigma
-            )
-            for name, sensor in hand.fingers.items()
-        ]
         self._model = hand_contact_model(shape, list(hand.fingers.values()))
+        noise = noise_of_hand(settings.noise, set_up_sigma, len(hand.fingers))
         self._settings = replace(settings, noise=noise)
         self._may_be_exchanged = not is_view_known and len(hand.fingers) == 2
-        self._priors_of_fingers = tuple(each.priors for each in of_fingers)
+        self._priors_of_fingers = tuple(noise_of_unit(settings.noise, unit).priors for unit in units.values())
 
     def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
         """Return the filter of a hand."""
@@ -368,6 +342,11 @@ class SeveralFingers:
         return moved_on(_decided(posterior, stream, checked.frame_time), checked.motion_since)
 
 
+def _reader_of(unit: Unit, settings: TrackerSettings) -> TouchReader:
+    """Return the reader of touch of a sensor unit."""
+    return TouchReader(settings.tactile, unit.sensor, unit.model, unit.calibration, own=unit.touch)
+
+
 def _measured(touch: TouchReader, checked: CheckedFrame) -> Sequence[Measurement]:
     """Return the measurements by touch in a frame of one sensor; none where no touch shows or can be measured."""
     touch.choose(checked.frame.image, checked.background)
@@ -380,48 +359,3 @@ def _measured(touch: TouchReader, checked: CheckedFrame) -> Sequence[Measurement
 def _decided(posterior: Posterior, stream: InputEvidence, time: float) -> Estimate:
     """Return the estimate of a posterior at a time [s], with the status that all evidence decides."""
     return posterior.estimate(time, decide(Evidence(posterior.evidence, stream)))
-
-
-def hand_of(sensor: Any, mounts: Mapping[str, ArrayLike] | None) -> Hand | None:
-    """Return the hand that a tracker's arguments describe; None for one sensor. Raises SettingError on bad values."""
-    if isinstance(sensor, Hand):
-        if mounts is not None:
-            raise SettingError("mounts are given beside a palpate.Hand, which has its own; allowed is one of both")
-        return sensor if len(sensor.fingers) > 1 else _refused(sensor)
-    if isinstance(sensor, Mapping):
-        hand = Hand(sensor, {} if mounts is None else mounts)  # pyright: ignore[reportArgumentType]  checked by it
-        return hand if len(hand.fingers) > 1 else _refused(hand)
-    if mounts is not None:
-        raise SettingError("mounts are of the fingers of a hand, and the sensor is one; allowed are sensors by name")
-    return None
-
-
-def _refused(hand: Hand) -> Hand:
-    """Raise SettingError on a hand of one finger."""
-    name = next(iter(hand.fingers))
-    raise SettingError(
-        f"hand has one finger, {name!r}; allowed are two or more, or the sensor itself in place of a hand"
-    )
-
-
-def units_of(shape: Shape, settings: Any, hand: Hand, model: Any, calibration: Any, touch: Any) -> Units:
-    """Return the properties of single fingers; raises SettingError on values of another kind or finger."""
-    models = dict.fromkeys(hand.fingers, model) if isinstance(model, TouchModel) else _by_finger("model", model, hand)
-    calibrations = _by_finger("calibration", calibration, hand)
-    own = _by_finger("touch", touch, hand)
-    for name in hand.fingers:
-        try:
-            check_arguments(shape, settings, models.get(name), calibrations.get(name), own.get(name))
-        except SettingError as error:
-            raise SettingError(f"finger {name!r}: {error}") from error
-    return Units(models, calibrations, own)
-
-
-def _by_finger(what: str, given: Any, hand: Hand) -> dict[str, Any]:
-    """Return values by finger; raises SettingError unless they are a dictionary by the names of fingers, or None."""
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise SettingError(f"{what} is of no finger; allowed is a dictionary by {', '.join(hand.fingers)}")
-    check_names(what, given, hand.fingers)
-    return {name: value for name, value in given.items() if value is not None}

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -14,12 +13,12 @@ from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Shape
 from palpate.models.pushing.compiled import MODELS, PUSHING
-from palpate.sensors import OneSensor, Sensors, SeveralFingers, compiled_model_of, hand_of, units_of
+from palpate.sensors import OneSensor, Sensors, SeveralFingers, compiled_model_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import check_arguments, first_pose_of
+from palpate.tracker_arguments import check_shape_and_settings, first_pose_of, hand_of, unit_of, units_of
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement
@@ -67,20 +66,19 @@ class Tracker:
         compile it.
         """
         hand = hand_of(sensor, mounts)
-        if hand is None:
-            check_arguments(shape, settings, model, calibration, touch)
+        check_shape_and_settings(shape, settings)
         settings = settings or TrackerSettings()
         self._settings = settings
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         self._sensors: Sensors
         if hand is None:
-            of_sensor: Any = (known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
+            unit = unit_of(known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
             warm_up(graph)
-            self._sensors = OneSensor(shape, settings, of_sensor, set_up_sigma, is_view_known, graph)
+            self._sensors = OneSensor(shape, settings, unit, set_up_sigma, is_view_known, graph)
         else:
             if graph is not PUSHING:
                 raise SettingError("graph is an extended model, which has one sensor; a hand has the model of pushing")
-            units = units_of(shape, settings, hand, model, calibration, touch)
+            units = units_of(hand, model, calibration, touch)
             warm_up(compiled_model_of(len(hand.fingers)))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
         self._filter = self._sensors.estimator(self._first)

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,12 @@ from palpate.checks import SPAN, TURNS
 from palpate.config import ANYWHERE_SIGMA, UNLIKELY, NoiseSettings, TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry.shapes import check_outline
-from palpate.touch.calibration import UNCORRECTED, Calibration
+from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.pipeline import Touch
 from palpate.touch.touch_model import TouchModel
+from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import finite_numbers
+from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
 
@@ -41,18 +44,95 @@ class FirstPose:
             logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", distance)
 
 
-def check_arguments(shape: Any, settings: Any, model: Any, calibration: Any, touch: Any) -> None:
-    """Raise SettingError or ShapeError unless all are of the right kind and unit; all but the first may be None."""
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """A sensor unit: its kind, and what belongs to this unit alone."""
+
+    sensor: SensorProfile
+    """Profile of its kind."""
+    model: TouchModel | None = None
+    """Touch model; None is the one that palpate has for its kind."""
+    calibration: Calibration | None = None
+    """Calibration, if there is one."""
+    touch: Touch | None = None
+    """An object of the user's own that measures in place of the touch model."""
+
+    @property
+    def pitch_sigma(self) -> float:
+        """Deviation of the pixel pitch, as a share of it; 0 where touch is given."""
+        return 0.0 if self.touch else calibrated(self.sensor, self.calibration).pixel_pitch_sigma
+
+
+def check_shape_and_settings(shape: Any, settings: Any) -> None:
+    """Raise ShapeError or SettingError unless both are of the right kind and unit; settings may be None."""
     check_outline(shape)
-    for name, found, kind, maker in (
-        ("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)"),
-        ("model", model, TouchModel, "a palpate.TouchModel(folder)"),
-        ("calibration", calibration, Calibration, "a Calibration, which palpate.load_calibration reads from a file"),
-        ("touch", touch, Touch, "an object with methods measure(frame) and end_contact()"),
-    ):
-        # A class has the methods of its objects.
-        if found is not None and (isinstance(found, type) or not isinstance(found, kind)):
-            raise SettingError(f"{name} is {str(found) if isinstance(found, Path) else found!r}; it must be {maker}")
+    _check_kind("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)")
+
+
+def unit_of(sensor: SensorProfile, model: Any, calibration: Any, touch: Any) -> Unit:
+    """Return a sensor unit; all but the profile may be None. Raises SettingError on values of another kind."""
+    _check_kind("model", model, TouchModel, "a palpate.TouchModel(folder)")
+    from_file = "a Calibration, which palpate.load_calibration reads from a file"
+    _check_kind("calibration", calibration, Calibration, from_file)
+    _check_kind("touch", touch, Touch, "an object with methods measure(frame) and end_contact()")
+    return Unit(sensor, model, calibration, touch)
+
+
+def _check_kind(name: str, found: Any, kind: type, allowed: str) -> None:
+    """Raise SettingError unless a value is None or of this kind."""
+    # A class has the methods of its objects.
+    if found is not None and (isinstance(found, type) or not isinstance(found, kind)):
+        raise SettingError(f"{name} is {str(found) if isinstance(found, Path) else found!r}; it must be {allowed}")
+
+
+def hand_of(sensor: Any, mounts: Mapping[str, ArrayLike] | None) -> Hand | None:
+    """Return the hand that a tracker's arguments describe; None for one sensor. Raises SettingError on bad values."""
+    if isinstance(sensor, Hand):
+        if mounts is not None:
+            raise SettingError("mounts are given beside a palpate.Hand, which has its own; allowed is one of both")
+        return _several(sensor)
+    if isinstance(sensor, Mapping):
+        return _several(Hand(sensor, {} if mounts is None else mounts))  # pyright: ignore[reportArgumentType]  checked by it
+    if mounts is not None:
+        raise SettingError("mounts are of the fingers of a hand, and the sensor is one; allowed are sensors by name")
+    return None
+
+
+def _several(hand: Hand) -> Hand:
+    """Return a hand of several fingers; raises SettingError on one of a single finger."""
+    if len(hand.fingers) == 1:
+        name = next(iter(hand.fingers))
+        raise SettingError(
+            f"hand has one finger, {name!r}; allowed are two or more, or the sensor itself in place of a hand"
+        )
+    return hand
+
+
+def units_of(hand: Hand, model: Any, calibration: Any, touch: Any) -> dict[str, Unit]:
+    """Return the sensor unit of each finger; raises SettingError on values of another kind or finger.
+
+    All are dictionaries by finger, which may leave some out, or None; one model may be that of all fingers.
+    """
+    models = dict.fromkeys(hand.fingers, model) if isinstance(model, TouchModel) else _by_finger("model", model, hand)
+    calibrations = _by_finger("calibration", calibration, hand)
+    own = _by_finger("touch", touch, hand)
+    units = {}
+    for name, sensor in hand.fingers.items():
+        try:
+            units[name] = unit_of(sensor, models.get(name), calibrations.get(name), own.get(name))
+        except SettingError as error:
+            raise SettingError(f"finger {name!r}: {error}") from error
+    return units
+
+
+def _by_finger(what: str, given: Any, hand: Hand) -> Mapping[str, Any]:
+    """Return values by finger; raises SettingError unless they are a dictionary by the names of fingers, or None."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise SettingError(f"{what} is of no finger; allowed is a dictionary by {', '.join(hand.fingers)}")
+    check_names(what, given, hand.fingers)
+    return given
 
 
 def first_pose_of(pose: ArrayLike | None, sigma: ArrayLike | None, settings: TrackerSettings) -> FirstPose:
@@ -90,17 +170,12 @@ def _covariance_of_first_pose(sigma: ArrayLike) -> Array:
     return covariance
 
 
-def noise_of_unit(
-    noise: NoiseSettings, calibration: Calibration | None, pitch_sigma: float, set_up_sigma: ArrayLike | None = None
-) -> NoiseSettings:
-    """Return the noise settings of a sensor unit: its calibration and the accuracy of its set-up replace the defaults.
-
-    `pitch_sigma` is the deviation of the pixel pitch of units without a calibration, as a share of it.
-    """
-    correction = calibration.direction if calibration else UNCORRECTED
-    set_up = calibration.set_up if calibration else None
+def noise_of_unit(noise: NoiseSettings, unit: Unit, set_up_sigma: ArrayLike | None = None) -> NoiseSettings:
+    """Return the noise settings of a sensor unit: its calibration and the accuracy of its set-up replace defaults."""
+    correction = unit.calibration.direction if unit.calibration else UNCORRECTED
+    set_up = unit.calibration.set_up if unit.calibration else None
     scale, scale_sigma = noise.priors.direction_scale
-    priors = replace(noise.priors, direction_scale=(scale, math.hypot(scale_sigma, pitch_sigma)))
+    priors = replace(noise.priors, direction_scale=(scale, math.hypot(scale_sigma, unit.pitch_sigma)))
     if correction.offset_sigma is not None:
         priors = replace(priors, direction_bias=(0.0, correction.offset_sigma))
     if correction.scale_sigma is not None:
@@ -110,10 +185,15 @@ def noise_of_unit(
         # The rest of the mounting is in the depth and in the errors of directions.
         _, sideways_sigma = set_up.sideways
         set_up_sigma = (sideways_sigma, sideways_sigma, 0.0)
-    pose = noise.sensor_pose
-    if set_up_sigma is not None:
-        pose = replace(pose, calibration=set_up_sigma)  # pyright: ignore[reportArgumentType]  checked by the settings
-    return replace(noise, priors=priors, sensor_pose=pose)
+    return _with_set_up(replace(noise, priors=priors), set_up_sigma)
+
+
+def _with_set_up(noise: NoiseSettings, sigma: ArrayLike | None) -> NoiseSettings:
+    """Return the noise settings with the accuracy of the set-up, where it is stated."""
+    if sigma is None:
+        return noise
+    pose = replace(noise.sensor_pose, calibration=sigma)  # pyright: ignore[reportArgumentType]  checked by the settings
+    return replace(noise, sensor_pose=pose)
 
 
 def noise_of_hand(noise: NoiseSettings, set_up_sigma: ArrayLike | None, fingers: int) -> NoiseSettings:
@@ -121,6 +201,6 @@ def noise_of_hand(noise: NoiseSettings, set_up_sigma: ArrayLike | None, fingers:
 
     Each finger has a mounting of its own, so that the mean of their constant offsets is smaller than one of them.
     """
-    of_one = noise_of_unit(noise, None, 0.0, set_up_sigma)
+    of_one = _with_set_up(noise, set_up_sigma)
     x, y, yaw = (sigma / math.sqrt(fingers) for sigma in of_one.sensor_pose.calibration)
     return replace(of_one, sensor_pose=replace(of_one.sensor_pose, calibration=(x, y, yaw)))

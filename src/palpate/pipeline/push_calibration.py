@@ -39,12 +39,12 @@ from palpate.models.pushing.window import ContactWindow
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import first_pose_of_recording
 from palpate.touch.background import first_frames
-from palpate.touch.calibration import Calibration, DirectionCorrection, SetUp, calibrated, mismatch
+from palpate.touch.calibration import Calibration, DirectionCorrection, SetUp, mismatch
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
 from palpate.touch.press_calibration import LEFT_OR_RIGHT
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import noise_of_unit
+from palpate.tracker_arguments import Unit, noise_of_unit
 from palpate.types.measurements import Measurement
 
 logger = logging.getLogger(__name__)
@@ -192,7 +192,7 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     fewer than FEWEST are left, or if they are of several robots.
     """
     sensor = pushes[0].recording.sensor
-    noise = _noise_of_pushes(calibration, calibrated(sensor, calibration).pixel_pitch_sigma)
+    noise = _noise_of_pushes(Unit(sensor, calibration=replace(calibration, set_up=None)))
     before = np.array([*(getattr(noise.priors, variable.name) for variable in _SHARED), *_OUTSIDE])
     # Whole frames, since poses interpolated between them have less noise, and that would show in the costs.
     step = np.array([1e-3, max(round(sensor.rate / 30.0), 1) / sensor.rate])  # [m], [s]
@@ -219,9 +219,9 @@ def learn_from_pushes(pushes: Sequence[Push], calibration: Calibration) -> PushF
     return PushFit(learnt, before, after, by_each, joint.misfit)
 
 
-def _noise_of_pushes(calibration: Calibration, pixel_pitch_sigma: float) -> NoiseSettings:
+def _noise_of_pushes(unit: Unit) -> NoiseSettings:
     """Return noise settings with priors as wide as mountings and outlines of any robot."""
-    noise = noise_of_unit(NoiseSettings(), replace(calibration, set_up=None), pixel_pitch_sigma)
+    noise = noise_of_unit(NoiseSettings(), unit)
     bias_sigma = math.hypot(noise.priors.direction_bias[1], _MOUNTING_YAW_SIGMA)
     priors = replace(noise.priors, direction_bias=(0.0, bias_sigma), outline_scale=(0.0, _OUTLINE_SCALE_SIGMA))
     return replace(noise, priors=priors)
