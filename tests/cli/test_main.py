@@ -115,6 +115,26 @@ def test_closed_outputs_do_not_end_a_run():
     assert Path("runs/push/figure.png").exists() and palpate.load_recording("push.mcap")
 
 
+def test_a_folder_that_was_removed_is_named(fails, monkeypatch):
+    Path("gone").mkdir()
+    file = Path("push.mcap").resolve()
+    monkeypatch.chdir("gone")
+    Path("../gone").resolve().rmdir()
+    assert "current folder" in fails("track", file)
+
+
+def test_a_disk_that_is_full_is_named_by_the_version_too():
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-m", "palpate", "--version"], stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 2 and done.stderr.count(b"\n") == 1
+
+
+def test_an_interrupt_while_modules_load_is_one_line():
+    Path("tyro.py").write_text("raise KeyboardInterrupt\n")
+    done = process("palpate", "info", "push.mcap")
+    assert done.returncode in (130, -2) and done.stderr == "palpate: stopped\n"  # which shells show alike
+
+
 def test_errors_and_exit_codes(run_palpate, monkeypatch):
     assert run_palpate("--version") == (0, f"palpate {palpate.__version__}\n", "")
     for word, meant in ("trak", "track"), ("truth_print", "truth-print"), ("Info", "info"):

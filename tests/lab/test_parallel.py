@@ -86,6 +86,33 @@ def test_workers_end_with_a_process_that_is_killed():
     assert psutil.wait_procs(workers, timeout=20)[1] == []
 
 
+def test_a_signal_stops_workers_at_once_and_their_files_are_in_order(tmp_path):
+    """A scheduler's signal comes to the first process alone, and soon after it follows a kill."""
+    part = tmp_path / "part"
+    code = f"""
+import signal, time
+from pathlib import Path
+from palpate_lab.parallel import spread
+
+def write(_):
+    part = Path({str(part)!r})
+    try:
+        part.touch()
+        time.sleep(60.0)
+    finally:
+        part.unlink()
+
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+list(spread(write, [0], workers=2))
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+    while not part.exists():
+        time.sleep(0.02)
+    process.terminate()
+    process.wait(20)
+    assert not part.exists()
+
+
 def test_workers_that_cannot_start_are_one_sentence(monkeypatch):
     def refuse() -> int:
         raise BlockingIOError(11, "Resource temporarily unavailable")

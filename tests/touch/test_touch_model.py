@@ -1,6 +1,9 @@
 """Touch model on disk, and touch measurements made of its readings."""
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -311,6 +314,16 @@ def mini_readings(shape: Any, front: float, tilt: float, y: float, depth: float)
         found.append((reading["direction"][0], reading["place"][0]))
     direction, place = np.mean(found, axis=0)
     return direction, place
+
+
+def test_reading_an_image_tells_nobody_of_it(tmp_path):
+    """ONNX Runtime reports its use, and keeps in the home what it could not send."""
+    read = "palpate.TouchModel('digit').read(numpy.zeros((32, 128, 3), numpy.float32))"
+    code = f"import numpy, palpate; print(*{read})"
+    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("ORT_", "CI"))}
+    done = subprocess.run([sys.executable, "-c", code], env=environment | home, capture_output=True, check=True)
+    assert done.stdout.startswith(b"direction") and [*tmp_path.iterdir()] == []
 
 
 def test_the_model_of_the_mini_is_chosen_by_its_name_and_reads_places_and_tilts():

@@ -45,9 +45,6 @@ def main(args: Sequence[str] | None = None) -> int:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a cancelled job leaves files in order, as Ctrl-C
     flags = {word for word in words if word in FLAGS}
     words = [word for word in words if word not in FLAGS]
-    if words == ["--version"]:
-        print(f"palpate {__version__}")
-        return 0
     _set_up_process(flags)
     if words[:1] in ([], ["help"]):
         words = [*words[1:2], "--help"]
@@ -67,8 +64,17 @@ def main(args: Sequence[str] | None = None) -> int:
     except (PalpateError, OSError) as error:  # bad input; a disk that is full or a folder that may not be written to
         if "--debug" in flags:
             raise
-        complain(error)
+        complain("the current folder does not exist any more" if _is_folder_gone() else error)
         return 2
+
+
+def _is_folder_gone() -> bool:
+    """Return true if the current folder has been removed, of which no error of the system speaks."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _open_closed_streams() -> None:
@@ -86,6 +92,7 @@ def _set_up_process(flags: Collection[str]) -> None:
     logging.basicConfig(handlers=[log], level=logging.WARNING)
     logging.getLogger("palpate").setLevel(logging.INFO if "-v" in flags else logging.NOTSET)
     logging.getLogger("palpate.io.outlines").setLevel(logging.INFO)  # an outline's size tells if the right one was read
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # of a home that is not writable, and other settings
     progress_log.setLevel(logging.ERROR if "--quiet" in flags else logging.INFO)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files may not be text
@@ -107,12 +114,15 @@ def _finish(report: Report | int, flags: Collection[str]) -> int:
 
 
 def _show_help(words: Sequence[str]) -> int:
-    """Show the help of all commands, or take options of tyro for tab completion, which raise SystemExit.
+    """Show the help of all commands or the version, or take options of tyro for tab completion, which raise SystemExit.
 
     These are such as --tyro-print-completion bash.
     """
     if words[0] in ("-h", "--help"):
-        print(help_text(f"{DESCRIPTION} {FOR_ALL}"))
+        print(help_text(f"{DESCRIPTION} {FOR_ALL}"), flush=True)
+        return 0
+    if words == ["--version"]:
+        print(f"palpate {__version__}", flush=True)
         return 0
     options: Any = {"config": _CONFIG, "registry": REGISTRY}
     tyro.extras.subcommand_cli_from_dict(installed_commands(), prog="palpate", args=words, **options)

@@ -7,6 +7,7 @@ of a flat gel has place (1, 2) [cm] in place of the corner; one trained on press
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import astuple, dataclass
@@ -203,6 +204,8 @@ def fingerprint(settings: Any, network: bytes) -> str:
 
 def session(network: bytes) -> Any:
     """Return an ONNX Runtime session of a network."""
+    # It reports the machine, the program and each network to its maker, from its first import on.
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
