@@ -5,11 +5,8 @@ import shlex
 import shutil
 import sys
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlparse
-from urllib.request import url2pathname
 
 from palpate.errors import SettingError
 
@@ -65,6 +62,11 @@ def _checkout() -> Path | None:
     root = Path(__file__).parents[2]
     if (root / "lab" / "pyproject.toml").exists():
         return root
+    # These import a client of HTTP and a reader of mails.
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import urlparse
+    from urllib.request import url2pathname
+
     try:
         origin = json.loads(distribution("palpate").read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, ValueError):

@@ -10,8 +10,7 @@ import inspect
 import shutil
 import textwrap
 from collections.abc import Callable
-from importlib.metadata import EntryPoint, entry_points
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from palpate.cli.console import Report
 from palpate.cli.read import read
@@ -19,6 +18,9 @@ from palpate.cli.recordings import calibrate, convert, info
 from palpate.cli.track import live, ros2, track, warm_up
 from palpate.errors import SettingError
 from palpate.hints import install_command, own_command
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 Command: TypeAlias = Callable[..., Report | int]
 """A command returns its result, or an exit code if it has printed all itself."""
@@ -104,11 +106,13 @@ def _first_line(command: Command) -> str:
     return inspect.cleandoc(command.__doc__ or "").partition("\n")[0].rstrip(".")
 
 
-def _added() -> dict[str, EntryPoint]:
+def _added() -> "dict[str, EntryPoint]":
+    from importlib.metadata import entry_points  # brings a reader of mails
+
     return {entry.name: entry for entry in entry_points(group=GROUP)}
 
 
-def _load(entry: EntryPoint) -> Command:
+def _load(entry: "EntryPoint") -> Command:
     try:
         return entry.load()
     except (ImportError, AttributeError) as error:

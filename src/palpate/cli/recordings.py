@@ -519,8 +519,9 @@ def _by_pushes(
 
     Writes a figure of them.
     """
-    from palpate.pipeline.figures import draw, push_figure
+    from palpate.pipeline.figures import draw
     from palpate.pipeline.push_calibration import learn_from_pushes, read_push
+    from palpate.pipeline.push_figure import push_figure
 
     with progress_bar(f"fitting {len(recordings)} pushes"):
         fit = learn_from_pushes([read_push(recording, model, calibration) for recording in recordings], calibration)

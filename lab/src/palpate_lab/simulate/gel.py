@@ -10,6 +10,7 @@ the near flank of the bump, which casts a shadow. The sensor is described by W. 
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,7 +145,7 @@ def touch_image(
         # Looking up random bytes is many times faster than drawing normal values.
         draws = np.frombuffer(rng.bytes(math.prod(image.shape)), np.uint8).reshape(image.shape)
         noise = cv2.LUT(draws, np.float32(unit.noise) * _normal_quantiles())
-        difference = noise if difference is None else cv2.add(difference, noise)
+        difference = noise if difference is None else cv2.add(difference, noise, dst=noise)
     change = np.zeros_like(image) if difference is None else difference
     return np.asarray(cv2.add(image, change, dtype=cv2.CV_8U), np.uint8)
 
@@ -174,43 +175,64 @@ def shading(unit: SensorUnit, height: Image) -> Image:
     """Return the change of the image (height, width, 3) [grey levels] of a gel pressed in by height [m]."""
     import cv2
 
-    rest_right, rest_up, rest_lit, strength, response = _rest(unit)
     scale = 1.0 / (8.0 * unit.pitch)
     right = np.asarray(cv2.Sobel(height, cv2.CV_32F, 1, 0, ksize=3, scale=scale), np.float32)
     up = np.asarray(cv2.Sobel(height, cv2.CV_32F, 0, 1, ksize=3, scale=scale), np.float32)
     light = unit.light.astype(np.float32)
-    shadows = _shadows(unit, height)
-    lit = np.empty_like(shadows)
-    _write_lit(right, up, rest_right, rest_up, rest_lit, light, strength, shadows, lit)
-    difference = np.asarray(cv2.transform(lit, unit.colour.T.astype(np.float32)), np.float32)
+    shadow = _shadows(unit, height)
     surroundings = np.asarray(cv2.GaussianBlur(height, (0, 0), 8e-4 / unit.pitch), np.float32)
-    _add_fold(difference, response, height, surroundings, unit.fold * 3.5e5)
+    lit = np.empty((len(light), height.shape[1]), np.float32)
+    difference = np.empty((*height.shape, 3), np.float32)
+    at_rest = _rest(unit)
+    _write_lit(right, up, at_rest, light, shadow, unit.colour.astype(np.float32), lit, difference)
+    _add_fold(difference, at_rest.response, height, surroundings, unit.fold * 3.5e5)
     return difference
 
 
-@compiled(_MAP, _MAP, _MAP, _MAP, _MAPS, _MAP, _MAPS, _MAPS, _MAPS)
+class _AtRest(NamedTuple):
+    """What a unit's gel and camera are without contact."""
+
+    right: Image
+    """Slope of the gel to the right, (height, width)."""
+    up: Image
+    """Slope of the gel upwards, (height, width)."""
+    lit: Image
+    """Share of each light that the gel takes by its slope, (lights, height, width)."""
+    strength: Image
+    """Strength of each light, (lights, height, width)."""
+    response: Image
+    """Grey levels of the camera per grey level of light, (height, width, 3); it is 1 at a level of 100."""
+
+
+@compiled(_MAP, _MAP, _AtRest(_MAP, _MAP, _MAPS, _MAPS, _MAPS), _MAP, _MAPS, _MAP, _MAP, _MAPS)
 def _write_lit(
     right: Image,
     up: Image,
-    rest_right: Image,
-    rest_up: Image,
-    rest_lit: Image,
+    at_rest: _AtRest,
     light: Image,
-    strength: Image,
     shadow: Image,
+    colour: Image,
     lit: Image,
+    difference: Image,
 ) -> None:
-    """Write the change of each light on the gel, (height, width, lights), by its slopes to the right and down."""
+    """Write the change of the light of three lights on the gel (height, width, 3), by its slopes to the right and down.
+
+    lit (3, width) holds those of a row meanwhile.
+    """
     one = np.float32(1.0)
     for row in range(right.shape[0]):
-        for column in range(right.shape[1]):
-            normal_right = rest_right[row, column] - right[row, column]
-            normal_up = rest_up[row, column] + up[row, column]
-            shrink = one / np.sqrt(normal_right * normal_right + normal_up * normal_up + one)
-            for k in range(len(light)):
+        for k in range(len(light)):  # not inside the columns, of which an instruction takes several
+            for column in range(right.shape[1]):
+                normal_right = at_rest.right[row, column] - right[row, column]
+                normal_up = at_rest.up[row, column] + up[row, column]
+                shrink = one / np.sqrt(normal_right * normal_right + normal_up * normal_up + one)
                 facing = (light[k, 0] * normal_right + light[k, 1] * normal_up + light[k, 2]) * shrink
-                facing = max(facing, np.float32(0.0)) * (one - shadow[row, column, k])
-                lit[row, column, k] = (facing - rest_lit[k, row, column]) * strength[k, row, column]
+                facing = max(facing, np.float32(0.0)) * (one - shadow[k, row, column])
+                lit[k, column] = (facing - at_rest.lit[k, row, column]) * at_rest.strength[k, row, column]
+        for column in range(right.shape[1]):
+            for c in range(3):
+                change = colour[0, c] * lit[0, column] + colour[1, c] * lit[1, column] + colour[2, c] * lit[2, column]
+                difference[row, column, c] = change
 
 
 @compiled(_MAPS, _MAPS, _MAP, _MAP, 0.0)
@@ -228,23 +250,50 @@ def _add_fold(difference: Image, response: Image, height: Image, surroundings: I
 
 
 def _shadows(unit: SensorUnit, height: Image) -> Image:
-    """Return the share of each light that is blocked, (height, width, lights), 0 to unit.shadow."""
+    """Return the share of each light that is blocked, (lights, height, width), 0 to unit.shadow."""
     import cv2
 
     coarse, size = _smaller(height)
     pitch = _COARSE * unit.pitch
-    shadow = np.empty((*coarse.shape, len(unit.light)), np.float32)
-    for index, (x, y, z) in enumerate(unit.light):
-        level = math.hypot(x, y)
-        above = np.zeros_like(coarse)
-        for reach in np.linspace(4e-4, 4e-3, 8):  # [m] from a point towards a light
-            step = np.array([(1.0, 0.0, reach * x / level / pitch), (0.0, 1.0, -reach * y / level / pitch)])
-            there = cv2.warpAffine(
-                coarse, step, coarse.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=0.0
-            )
-            above = np.maximum(above, there - coarse - np.float32(reach * z / level))
-        shadow[..., index] = unit.shadow * above / (above + np.float32(1.5e-4))  # it sets in over 0.15 mm of height
-    return np.asarray(cv2.resize(shadow, size, interpolation=cv2.INTER_LINEAR), np.float32)
+    reach = np.linspace(4e-4, 4e-3, 8)  # [m] from a point towards a light
+    away = reach[:, None] * (unit.light / np.hypot(unit.light[:, 0], unit.light[:, 1])[:, None])[:, None]
+    margin = math.ceil(reach[-1] / pitch) + 1
+    padded = np.pad(coarse, margin)
+    shadow = np.zeros((len(unit.light), *coarse.shape), np.float32)
+    _write_shadows(padded, margin, away * (1.0 / pitch, -1.0 / pitch, 1.0), unit.shadow, shadow)
+    whole = np.empty((len(shadow), *height.shape), np.float32)
+    for small, large in zip(shadow, whole, strict=True):
+        cv2.resize(small, size, large, interpolation=cv2.INTER_LINEAR)
+    return whole
+
+
+@compiled(_MAP, 0, np.zeros((1, 1, 1)), 0.0, _MAPS)
+def _write_shadows(height: Image, margin: int, away: Array, most: float, shadow: Image) -> None:
+    """Raise each light's shadow, (lights, rows, columns), to the share `most` where gel towards the light is higher.
+
+    height has a margin all round [m]; away (lights, places, 3) are the columns and rows from a point to the places
+    where it is looked at, and how much higher the way to the light is there [m].
+    """
+    one = np.float32(1.0)
+    for k in range(len(away)):
+        above = shadow[k]
+        for place in range(away.shape[1]):
+            first_column = math.floor(away[k, place, 0])
+            first_row = math.floor(away[k, place, 1])
+            right = np.float32(away[k, place, 0] - first_column)
+            down = np.float32(away[k, place, 1] - first_row)
+            rise = np.float32(away[k, place, 2])
+            for row in range(above.shape[0]):
+                there = margin + first_row + row
+                for column in range(above.shape[1]):
+                    left = margin + first_column + column
+                    upper = (one - right) * height[there, left] + right * height[there, left + 1]
+                    lower = (one - right) * height[there + 1, left] + right * height[there + 1, left + 1]
+                    seen = (one - down) * upper + down * lower - height[margin + row, margin + column] - rise
+                    above[row, column] = max(above[row, column], seen)
+        for row in range(above.shape[0]):
+            for column in range(above.shape[1]):  # a shadow sets in over 0.15 mm of height
+                above[row, column] = np.float32(most) * above[row, column] / (above[row, column] + np.float32(1.5e-4))
 
 
 def _smaller(image: Image) -> tuple[Image, tuple[int, int]]:
@@ -257,11 +306,8 @@ def _smaller(image: Image) -> tuple[Image, tuple[int, int]]:
 
 
 @functools.lru_cache(maxsize=16)
-def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
-    """Return slopes of the gel at rest to the right and up, lighting, light strengths (lights, ...), camera response.
-
-    The response (height, width, 3) is the camera's grey levels per grey level of light; it is 1 at a level of 100.
-    """
+def _rest(unit: SensorUnit) -> _AtRest:
+    """Return what a unit's gel and camera are without contact."""
     import cv2
 
     y, z = unit.place
@@ -276,7 +322,7 @@ def _rest(unit: SensorUnit) -> tuple[Image, Image, Image, Image, Image]:
     strength = np.asarray(even + (1.0 - even) * np.minimum(unit.illumination, 2.5), np.float32)
     by_level = ((np.maximum(np.arange(256), 20) / 100.0) ** unit.response).astype(np.float32)
     response = np.asarray(cv2.LUT(unit.no_contact, by_level), np.float32)
-    return right, up, lit, strength, response
+    return _AtRest(right, up, lit, strength, response)
 
 
 def _marker_transmission(

@@ -212,12 +212,8 @@ class World:
 
     def _joints(self, sensor: SensorProfile, knots: Array, slopes: Array) -> tuple[Array, Array]:
         """Return position and velocity (M, 3) of a pusher's joints, from poses and velocities (n, 3) of its sensor."""
-        from scipy.interpolate import CubicHermiteSpline
-
-        spline = CubicHermiteSpline(np.arange(len(knots)) / self._rate, knots, slopes)
         at = np.arange((len(knots) - 1) * self._steps) * self._model.opt.timestep
-        pose = spline(at)
-        rate = spline(at, 1)
+        pose, rate = _on_cubics(np.arange(len(knots)) / self._rate, knots, slopes, at)
         # The joints move the gel's centre of curvature.
         arm = sensor.center * np.ones((len(at), 1))
         lever = se2.transform(np.column_stack((np.zeros((len(at), 2)), pose[:, 2])), arm)
@@ -286,3 +282,20 @@ class World:
         qvel = self._data.qvel[self._object :]
         x, y = point[:2] - self._data.qpos[self._object : self._object + 2]
         return qvel[:2] + qvel[5] * np.array([-y, x])
+
+
+def _on_cubics(time: Array, values: Array, slopes: Array, at: Array) -> tuple[Array, Array]:
+    """Return values and slopes (M, k), at times (M,), of the cubics through values (N, k) with slopes (N, k).
+
+    SciPy's splines give the same to the last bit, but making one takes a third of the time that MuJoCo needs a frame.
+    """
+    first = np.searchsorted(time, at, side="right") - 1
+    step = np.diff(time)[:, None]
+    mean = np.diff(values, axis=0) / step
+    bend = (slopes[:-1] + slopes[1:] - 2.0 * mean) / step
+    cubic = (bend / step)[first]
+    square = ((mean - slopes[:-1]) / step - bend)[first]
+    since = (at - time[first])[:, None]
+    start = slopes[first]
+    value = values[first] + start * since + square * (since * since) + cubic * (since * since * since)
+    return value, start + square * since * 2.0 + cubic * (since * since) * 3.0
