@@ -182,12 +182,12 @@ def test_a_rough_start_keeps_its_likely_places_with_fingers_as_stated_and_exchan
     assert last.status in ("ambiguous", "uncertain")
 
 
-def pinching(way: np.ndarray, **of_finger: Any) -> list[Frame]:
-    """Frames of a gripper around a box that touches from frame 20 on, moved by `way` (N,) [m] along x and y."""
+def pinching(way: np.ndarray, rate: float = 30.0, **of_finger: Any) -> list[Frame]:
+    """Frames of a gripper around a box, moved by `way` (N,) [m] along x and y, so many a second."""
     frames = []
     for k, moved in enumerate(way):
         given: Any = {name: {"left": values[k], "right": values[k]} for name, values in of_finger.items()}
-        frames.append(Frame(k / 30.0, np.array([moved, moved, 0.0]), **given))
+        frames.append(Frame(k / rate, np.array([moved, moved, 0.0]), **given))
     return frames
 
 
@@ -208,12 +208,15 @@ def test_fingers_that_face_each_other_may_move_back_and_sideways():
     np.testing.assert_allclose(estimates[-1].pose[:2], 0.03, atol=4e-3)  # it comes along
 
 
-def test_an_object_between_two_fingers_may_come_along_or_slide():
+@pytest.mark.parametrize("rate", [30, 60])
+def test_an_object_between_two_fingers_may_come_along_or_slide_at_any_rate_of_frames(rate: int):
+    way = np.concatenate([np.zeros(rate), np.linspace(0.0, 0.03, 2 * rate)])
     tracker = Tracker(BOX, dict.fromkeys(GRIPPER, TIP), np.zeros(3), first_pose_sigma=SIGMA, mounts=GRIPPER)
-    last = updated(tracker, pinching(WAY, contacts=np.arange(len(WAY)) >= 20))[-1]
-    for along in (0.03, 0.02):
+    last = updated(tracker, pinching(way, rate, contacts=np.arange(len(way)) >= rate // 2))[-1]
+    for along in (0.03, 0.0):
         off = last.pose - (along, 0.03, 0.0)
         assert off @ np.linalg.solve(last.covariance, off) < 7.8
+    assert 8e-3 < math.sqrt(last.covariance[0, 0]) < 18e-3  # along the pads
     assert math.sqrt(last.covariance[1, 1]) < 1.5e-3  # across the fingers
     assert last.status == "uncertain"
 

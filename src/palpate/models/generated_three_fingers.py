@@ -119,7 +119,7 @@ def sticking(before: Records, now: Records, row: Records, settings: Records, out
     t5 = settings.sticking.share**2*t4 + t3
     t7 = side(now_sliding)
     t8 = t5*((settings.sticking.sliding_share**2*t4 + t3)/t5)**(now_sliding*t7)
-    t9 = 1.0*now.pinched**2*t4 + t3
+    t9 = 0.16000000000000003*now_moved*now.pinched*now.touching*(-now_moved + 2.0*now.way) + t3
     t10 = larger(t8, t9)
     out.residual[0] = before_finger_x*before_g_cos - before_finger_y*before_g_sin + before.g[0] + now_material_x*t0 - now_material_y*t1 + now.touch_of[0].normal.imag*t2 - now.touch_of[0].point.real
     out.residual[1] = before_finger_x*before_g_sin + before_finger_y*before_g_cos + before.g[1] + now_material_x*t1 + now_material_y*t0 - now.touch_of[0].normal.real*t2 - now.touch_of[0].point.imag
@@ -416,7 +416,7 @@ def sticking_1(before: Records, now: Records, row: Records, settings: Records, o
     t5 = settings.sticking.share**2*t4 + t3
     t7 = side(now_sliding)
     t8 = t5*((settings.sticking.sliding_share**2*t4 + t3)/t5)**(now_sliding*t7)
-    t9 = 1.0*now.pinched**2*t4 + t3
+    t9 = 0.16000000000000003*now_moved*now.pinched*now.touching*(-now_moved + 2.0*now.way) + t3
     t10 = larger(t8, t9)
     out.residual[0] = before_finger_x*before_g_cos - before_finger_y*before_g_sin + before.g[0] + now_material_x*t0 - now_material_y*t1 + now.touch_of[1].normal.imag*t2 - now.touch_of[1].point.real
     out.residual[1] = before_finger_x*before_g_sin + before_finger_y*before_g_cos + before.g[1] + now_material_x*t1 + now_material_y*t0 - now.touch_of[1].normal.real*t2 - now.touch_of[1].point.imag
@@ -545,7 +545,7 @@ def sticking_2(before: Records, now: Records, row: Records, settings: Records, o
     t5 = settings.sticking.share**2*t4 + t3
     t7 = side(now_sliding)
     t8 = t5*((settings.sticking.sliding_share**2*t4 + t3)/t5)**(now_sliding*t7)
-    t9 = 1.0*now.pinched**2*t4 + t3
+    t9 = 0.16000000000000003*now_moved*now.pinched*now.touching*(-now_moved + 2.0*now.way) + t3
     t10 = larger(t8, t9)
     out.residual[0] = before_finger_x*before_g_cos - before_finger_y*before_g_sin + before.g[0] + now_material_x*t0 - now_material_y*t1 + now.touch_of[2].normal.imag*t2 - now.touch_of[2].point.real
     out.residual[1] = before_finger_x*before_g_sin + before_finger_y*before_g_cos + before.g[1] + now_material_x*t1 + now_material_y*t0 - now.touch_of[2].normal.real*t2 - now.touch_of[2].point.imag

@@ -44,10 +44,10 @@ LOAD_SHARE = 4.0
 """Error of the place of the load between fingers that touch, as a share of the distance between them. It is the same
 over hundreds of steps, so that a smaller number would learn a centre of friction from it."""
 
-PINCH_SHARE = 1.0
-"""Slide of a step at fingers that press the object between them, as a share of their motion. Their force is that of the
-grip, not of the push, and tells nothing of the friction cones: of simulated fingers that pinch, half slide along the
-object at some time, by up to all of their way."""
+PINCH_SHARE = 0.4
+"""Slide at fingers that press the object between them, as a share of their way since they do. Their force is that of
+the grip, not of the push, and tells nothing of the friction cones: they hold the object, or it stays behind for all of
+the way, which is then 2.5 standard deviations."""
 
 
 def _variance_of_balance(now: Any, noise: Any, support: Any) -> tuple[Scalar]:
@@ -58,9 +58,14 @@ def _variance_of_balance(now: Any, noise: Any, support: Any) -> tuple[Scalar]:
 
 
 def _variance_of_sticking(now: Any, noise: Any) -> tuple[Scalar, Scalar]:
-    """Return the variance of a slide [m^2]; see `sticking.variance`, and PINCH_SHARE."""
+    """Return the variance of a slide [m^2]; see `sticking.variance`, and PINCH_SHARE.
+
+    A grip that slides goes on to slide, so that the variance of a pinch is the growth of that of its whole way. One for
+    each step alone would shrink with the rate of frames.
+    """
     inside, _ = variance_inside(now, noise)
-    pinched = noise.still**2 + (PINCH_SHARE * now.pinched * now.moved) ** 2
+    growth = now.moved * (2.0 * now.way - now.moved)
+    pinched = noise.still**2 + PINCH_SHARE**2 * now.pinched * now.touching * growth
     both = larger(inside, pinched)
     return both, both
 
@@ -85,7 +90,9 @@ def hand_model(fingers: int) -> Model:
     hand = replace(
         MODEL,
         factors=first,
-        step_numbers=tuple(name for name in (*MODEL.step_numbers, "touching", "apart", "pinched") if name != "sunk"),
+        step_numbers=tuple(
+            name for name in (*MODEL.step_numbers, "touching", "apart", "pinched", "way") if name != "sunk"
+        ),
         fingers=fingers,
         finger_numbers=("sunk",),
     )

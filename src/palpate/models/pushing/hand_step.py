@@ -21,6 +21,9 @@ FACING = 0.5
 """Length of the mean normal of the fingers that touch below which they press the object between them: those of two are
 then more than 120 degrees apart."""
 
+LASTING = 0.03
+"""Way [m] over which a slide at fingers that pinch goes on, if it does; farther back it says nothing of now."""
+
 
 @kernel
 def prepare_hand_step(now: Records, surfaces: Any) -> None:
@@ -123,7 +126,10 @@ def make_put_last_hand_force(model: Model) -> Any:
 
 
 def begin_hand_step(steps: Records) -> None:
-    """Begin the last of the steps (N, B), as `step.begin_step` does; its motion is that of the fingers that touch."""
+    """Begin the last of the steps (N, B), as `step.begin_step` does; its motion is that of the fingers that touch.
+
+    Its way [m] is their motion since several touch, at most LASTING.
+    """
     last = len(steps) - 1
     for b in range(steps.shape[1]):
         now = steps[last, b]
@@ -136,4 +142,6 @@ def begin_hand_step(steps: Records) -> None:
                 there = position(before.measured) + before.turn_measured * position(before.finger[k])
                 sinking = abs(now.sunk[k] - before.sunk[k]) if before.touches[k] > 0.5 else 0.0
                 now.moved = max(now.moved, abs(here - there) + SHARE_OF_SINKING * sinking)
+        held = before.way if before.touching > 1.5 else 0.0
+        now.way = max(min(held + now.moved, LASTING), now.moved)
         go_on(steps[:, b])
