@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.arrays import Array
 from palpate.touch.touch_model import COLUMNS, ROWS, Difference, Reading, TouchModel
 from palpate.types.sensor import SENSORS, SensorProfile
 
@@ -22,10 +23,12 @@ class ImprintSettings:
     least_symmetry: float = 0.4
     """Symmetry from which the middle is better than the network: 0.3 mm off in the median of pushes by drawn units and
     not 0.5, of balls 0.1 and not 0.3."""
-    most_outside: float = 5e-4
-    """Most [m] that what lies beyond two equally wide sides of an imprint may shift its middle: its share of all change
-    of light times the imprint's width. Balls that the border cuts off stay below it; sides as wide as the pad, of
-    which the end of the pad alone looks like an imprint, lie above it."""
+    most_width: float = 2.5e-3
+    """Width [m] of the widest imprint that is whole: those of balls of 10 mm have up to 1.9e-3, sides that cover the
+    pad 3e-3 and more."""
+    least_reach: float = 1.0
+    """Least distance of a middle from the image's border, in widths of the imprint: balls that the border cuts off
+    have 1.1 and more, ends of the pad that look like an imprint up to 0.9."""
     border: int = 2
     """Columns at the border that do not count for that."""
     sigma: float = 4e-5
@@ -36,6 +39,9 @@ class ImprintSettings:
     pushed: float = 5.0
     """Factor on that variance in a push, whose shear draws the gel to one side: middles are then some 0.5 mm off where
     presses of the same symmetry are 0.2 mm off."""
+    side: float = 1.2e-4
+    """Standard deviation [m] of the middle of a long side's imprint about that of a ball on the same unit, whose light
+    draws both to one side, but not equally; the rounder an imprint, the less. Fitted to corners on drawn units."""
     share_of_network: float = 0.75
     """Standard deviation of the error that all places by the network share on one unit, as a share of an imprint's
     width: the light of a unit decides which part of a wide imprint shows most. Fitted to sides on drawn units; balls
@@ -75,12 +81,18 @@ def place_on_unit(
     None if no middle shows, and there is no model or it reads no places. `spread` is that of `read_difference`.
     """
     imprint = read_imprint(difference, sensor)
+    extent = extent_of(difference, sensor)
     if imprint is not None:
-        return imprint[0], spread * imprint[1]
+        side = _MIDDLE.side * max(1.0 - extent.width / extent.height, 0.0)
+        return imprint[0], spread * imprint[1] + side**2
     reading = {} if model is None else read_difference(model, difference, sensor)
     if model is None or "place" not in reading:
         return None
-    shared = _MIDDLE.share_of_network * width_of(difference) * (sensor.pixel_pitch or 0.0) * sensor.image_width
+    # An even imprint is sqrt(3) of its deviations long to either side. Of one that the border cuts off, an image shows
+    # hardly more than in which half of it the middle is.
+    is_cut_off = extent.reach(extent.centre) < math.sqrt(3.0)
+    half = 0.5 * extent.shown / math.sqrt(12.0) if is_cut_off else 0.0
+    shared = _MIDDLE.share_of_network * math.hypot(extent.width, half)
     return reading["place"][0], reading["place"][1] * model.settings.spread["place"].scale + shared**2
 
 
@@ -89,16 +101,16 @@ def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, 
 
     None if it is not antisymmetric or not whole, so that a network is needed.
     """
-    middle, symmetry = middle_of(difference)
+    share, symmetry = middle_of(difference)
     if symmetry <= _MIDDLE.least_symmetry or sensor.pixel_pitch is None:
         return None
-    shown = sensor.pixel_pitch * sensor.image_width
-    width = shown * width_of(difference)
-    outside = (1.0 - share_of_sides(difference, middle)) * width
-    if outside > _MIDDLE.most_outside:
+    extent = extent_of(difference, sensor)
+    middle = share * extent.shown
+    if extent.width > _MIDDLE.most_width or extent.reach(middle) < _MIDDLE.least_reach:
         return None
-    of_asymmetry = _MIDDLE.share_of_asymmetry * (1.0 - symmetry) * width
-    return middle * shown, _MIDDLE.sigma**2 + of_asymmetry**2 + outside**2
+    outside = (1.0 - share_of_sides(difference, share)) * extent.width
+    of_asymmetry = _MIDDLE.share_of_asymmetry * (1.0 - symmetry) * extent.width
+    return middle, _MIDDLE.sigma**2 + of_asymmetry**2 + outside**2
 
 
 def middle_of(difference: Difference) -> tuple[float, float]:
@@ -126,18 +138,42 @@ def middle_of(difference: Difference) -> tuple[float, float]:
     return (0.5 * peak + 0.5) / COLUMNS - 0.5, most / total
 
 
-def width_of(difference: Difference) -> float:
-    """Return how wide an imprint in a difference (ROWS, COLUMNS, 3) is, as a share of the image's width.
+@dataclass(frozen=True)
+class Extent:
+    """Where in an image the imprint is, and how far it reaches, by its squared change of light."""
 
-    It is the standard deviation of the columns, weighted by their squared change of light.
-    """
-    change = np.square(difference).sum(axis=(0, 2))
+    centre: float
+    """Along y from the middle of the image [m]."""
+    width: float
+    """Standard deviation along y [m]."""
+    height: float
+    """Standard deviation along the image's columns [m]."""
+    shown: float
+    """Width of gel that the image shows [m]."""
+
+    def reach(self, middle: float) -> float:
+        """Return how far it is from a middle [m] to the image's border, in widths of the imprint."""
+        return (0.5 * self.shown - abs(middle)) / max(self.width, 1e-9)
+
+
+def extent_of(difference: Difference, sensor: SensorProfile) -> Extent:
+    """Return where the imprint in a difference (ROWS, COLUMNS, 3) is; all is 0 of an image without a change."""
+    pitch = sensor.pixel_pitch or 0.0
+    shown = pitch * sensor.image_width
+    change = np.square(difference).sum(axis=2)
     total = float(change.sum())
     if not total > 0.0:
-        return 0.0
-    column = np.arange(COLUMNS) / COLUMNS
-    mean = float(change @ column) / total
-    return math.sqrt(float(change @ np.square(column - mean)) / total)
+        return Extent(0.0, 0.0, 0.0, shown)
+    centre, width = _mean_and_deviation(change.sum(axis=0) / total)
+    _, height = _mean_and_deviation(change.sum(axis=1) / total)
+    return Extent(shown * (centre - 0.5), shown * width, pitch * sensor.image_height * height, shown)
+
+
+def _mean_and_deviation(weight: Array) -> tuple[float, float]:
+    """Return mean and standard deviation of cells (N,) with these weights, of sum 1, that divide 0 to 1 evenly."""
+    cell = (np.arange(len(weight)) + 0.5) / len(weight)
+    mean = float(weight @ cell)
+    return mean, math.sqrt(float(weight @ np.square(cell - mean)))
 
 
 def share_of_sides(difference: Difference, middle: float) -> float:

@@ -348,27 +348,41 @@ def _fit_places_in_view(
     if len(places) < len(readings):
         raise FileError("not all presses show whole imprints, and the touch model reads no places")
     measured, variance = np.array(places).T
-    variance = variance + _PLACES.given_place_sigma**2
-    scale_sigma = math.hypot(_LIMITS.scale_sigma, unit.pixel_pitch_sigma)
-    middle = presses.place.mean()  # so that places from far away lose no digits
-    (offset, scale), sigmas, log_likelihood = _fitted_line(
-        presses.place - middle, measured, variance, (1.0, scale_sigma)
-    )
-    scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * (presses.place - middle)))))
-    seen = float(np.sum(np.square(measured - offset - scale * (presses.place - middle)) / variance))
-    spread = (_PLACES.presses_before + seen) / (_PLACES.presses_before + len(measured) - 2.0)  # a line takes two
-    inflation = math.sqrt(spread)
+    place = presses.place - presses.place.mean()  # so that places from far away lose no digits
+    prior_sigmas = (1.0, math.hypot(_LIMITS.scale_sigma, unit.pixel_pitch_sigma))
+    given = _PLACES.given_place_sigma**2
+    (offset, scale), _, _ = _fitted_line(place, measured, variance + given, prior_sigmas)
+    spread = _spread_of_middles(measured - offset - scale * place, variance)
+    (offset, scale), sigmas, log_likelihood = _fitted_line(place, measured, spread * variance + given, prior_sigmas)
+    scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * place))))
     assert unit.pixel_pitch is not None
     scale = float(np.clip(scale, 0.01, 10.0))  # beyond that units are wrong, which `mismatch` says
-    pitch_sigma = min(math.hypot(float(sigmas[1]) / scale * inflation, _PLACES.place_scale_sigma), 0.5)
+    pitch_sigma = min(math.hypot(float(sigmas[1]) / scale, _PLACES.place_scale_sigma), 0.5)
     calibration = replace(
         calibration, pixel_pitch=unit.pixel_pitch / scale, pixel_pitch_sigma=pitch_sigma, place_spread=spread
     )
+    middle = float(presses.place.mean())
     from_middle = float(offset / scale - middle)
     if abs(from_middle) < _PLACES.from_middle:
-        offset_sigma = inflation * math.hypot(sigmas[0] / scale, pitch_sigma * middle)
+        offset_sigma = math.hypot(sigmas[0] / scale, pitch_sigma * middle)
         calibration = replace(calibration, place_offset=from_middle, place_offset_sigma=offset_sigma)
     return _ViewFit(log_likelihood, calibration, presses.place, scatter)
+
+
+def _spread_of_middles(residual: Array, variance: Array) -> float:
+    """Return the factor on the variance [m^2] of middles that residuals (N,) [m] about a line of places show.
+
+    A residual holds the error of a middle and that of the given place. Only what of it is the middle's counts, or
+    the more presses lie on a line within the error of given places, the surer single middles would seem.
+    """
+    given = _PLACES.given_place_sigma**2
+    free = len(residual) - 2  # a line takes two
+    spread = 1.0
+    for _ in range(30):  # by then it has settled
+        share = spread * variance / (spread * variance + given)
+        square = np.square(share * residual) * len(residual) / free + share * given
+        spread = (_PLACES.presses_before + free * float(np.mean(square / variance))) / (_PLACES.presses_before + free)
+    return spread
 
 
 def _in_view(view: CameraView, presses: Presses, calibration: Calibration) -> tuple[Calibration, list[Difference]]:
