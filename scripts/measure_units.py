@@ -45,15 +45,17 @@ COUNTS = (0, 3, 5, 10)
 UNITS = 24
 PROFILES = {"flat": GELSIGHT_MINI, "domes": DIGIT}
 """Profiles of drawn units, in turn."""
+EXACT = "plain, set up exactly"
 KINDS = {
     "plain": Faults(),
+    EXACT: Faults(),
     "half the view": Faults(pitch=0.64),
     "dots": Faults(has_dots=True),
     "dead LED": Faults(has_dead_light=True),
     "turned": Faults(view=CameraView(2)),
     "mirrored": Faults(view=CameraView(0, True)),
 }
-"""Kinds of DIGITs that push objects; half the view is half the pad."""
+"""Kinds of DIGITs that push objects; half the view is half the pad. All but EXACT have the errors of a set-up."""
 PUSHES = 12
 SECONDS = 15.0
 """Length of a recording of pushes [s]."""
@@ -110,7 +112,9 @@ def add_pushes(seed: int) -> None:
 def pushes_of(kind: str, seed: int) -> dict[str, Any]:
     """Return the scores of pushes of objects with DIGITs of one kind, each calibrated on five presses."""
     faults = KINDS[kind]
-    plans = list(plan(SHAPES, -(-PUSHES // len(SHAPES)), seed, seconds=SECONDS, faults=faults).values())[:PUSHES]
+    count = -(-PUSHES // len(SHAPES))
+    drawn = plan(SHAPES, count, seed, seconds=SECONDS, faults=faults, ideal=kind == EXACT)
+    plans = list(drawn.values())[:PUSHES]
     found = [pushed(replace(each, unit=seed + number), faults) for number, each in enumerate(plans)]
     tracked = [each for each in found if "refused" not in each]
     return {

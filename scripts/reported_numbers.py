@@ -649,6 +649,7 @@ TABLES: dict[str, Table] = {
             "docs/study/unit_pushes.json",
             {
                 "plain": "without a fault",
+                "plain, set up exactly": "without a fault, set up exactly",
                 "dead LED": "with a dead LED",
                 "dots": "with dots",
                 "half the view": "whose images show half of the pad",

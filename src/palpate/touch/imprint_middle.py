@@ -23,12 +23,15 @@ class ImprintSettings:
     least_symmetry: float = 0.4
     """Symmetry from which the middle is better than the network: 0.3 mm off in the median of pushes by drawn units and
     not 0.5, of balls 0.1 and not 0.3."""
-    most_width: float = 2.5e-3
-    """Width [m] of the widest imprint that is whole: those of balls of 10 mm have up to 1.9e-3, sides that cover the
-    pad 3e-3 and more."""
+    longest_ball: float = 0.2
+    """Height of the longest imprint of a ball, as a share of the image's: balls have up to 0.16, sides and corners,
+    which run through all of the image, 0.22 and more."""
+    widest_side: float = 2.5e-3
+    """Width [m] of the widest long imprint that is whole: corners have up to 1.5e-3, sides that cover the pad 3e-3 and
+    more."""
     least_reach: float = 1.0
-    """Least distance of a middle from the image's border, in widths of the imprint: balls that the border cuts off
-    have 1.1 and more, ends of the pad that look like an imprint up to 0.9."""
+    """Least distance of the middle of a long imprint from the image's border, in widths of it: ends of the pad, which
+    look like an imprint, have up to 0.9."""
     border: int = 2
     """Columns at the border that do not count for that."""
     sigma: float = 4e-5
@@ -36,9 +39,9 @@ class ImprintSettings:
     share_of_asymmetry: float = 0.25
     """More of it for one without any symmetry, as a share of its width: what is on one side alone may lie anywhere in
     it. Fitted to balls and sides on drawn units."""
-    pushed: float = 5.0
-    """Factor on that variance in a push, whose shear draws the gel to one side: middles are then some 0.5 mm off where
-    presses of the same symmetry are 0.2 mm off."""
+    pushed: float = 3e-4
+    """More of it [m] in a push, where shear draws the gel to one side and corners lean: about their mean over a
+    contact, middles scatter by 0.31 mm in 13 contacts of 8 tuning pushes, whatever their symmetry."""
     side: float = 1.2e-4
     """Standard deviation [m] of the middle of a long side's imprint about that of a ball on the same unit, whose light
     draws both to one side, but not equally; the rounder an imprint, the less. Fitted to corners on drawn units."""
@@ -63,7 +66,7 @@ def read_difference(model: TouchModel, difference: Difference, sensor: SensorPro
     imprint = read_imprint(difference, sensor)
     if imprint is not None:
         scale = model.settings.spread["place"].scale  # which is of the network's variance
-        return {**reading, "place": (imprint[0], _MIDDLE.pushed * spread * imprint[1] / scale)}
+        return {**reading, "place": (imprint[0], (spread * imprint[1] + _MIDDLE.pushed**2) / scale)}
     shown = sensor.pixel_pitch * sensor.image_width
     # A network takes images to show as much as those that it was trained on.
     learnt_on = next((each for each in SENSORS.values() if each.name == model.settings.sensor), sensor)
@@ -106,7 +109,8 @@ def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, 
         return None
     extent = extent_of(difference, sensor)
     middle = share * extent.shown
-    if extent.width > _MIDDLE.most_width or extent.reach(middle) < _MIDDLE.least_reach:
+    is_whole = extent.width <= _MIDDLE.widest_side and extent.reach(middle) >= _MIDDLE.least_reach
+    if extent.is_long and not is_whole:
         return None
     outside = (1.0 - share_of_sides(difference, share)) * extent.width
     of_asymmetry = _MIDDLE.share_of_asymmetry * (1.0 - symmetry) * extent.width
@@ -148,6 +152,8 @@ class Extent:
     """Standard deviation along y [m]."""
     height: float
     """Standard deviation along the image's columns [m]."""
+    is_long: bool
+    """True of a side or corner, which runs through the whole height of the image."""
     shown: float
     """Width of gel that the image shows [m]."""
 
@@ -163,10 +169,11 @@ def extent_of(difference: Difference, sensor: SensorProfile) -> Extent:
     change = np.square(difference).sum(axis=2)
     total = float(change.sum())
     if not total > 0.0:
-        return Extent(0.0, 0.0, 0.0, shown)
+        return Extent(0.0, 0.0, 0.0, False, shown)
     centre, width = _mean_and_deviation(change.sum(axis=0) / total)
     _, height = _mean_and_deviation(change.sum(axis=1) / total)
-    return Extent(shown * (centre - 0.5), shown * width, pitch * sensor.image_height * height, shown)
+    is_long = height > _MIDDLE.longest_ball
+    return Extent(shown * (centre - 0.5), shown * width, pitch * sensor.image_height * height, is_long, shown)
 
 
 def _mean_and_deviation(weight: Array) -> tuple[float, float]:

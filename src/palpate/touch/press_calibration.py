@@ -71,8 +71,9 @@ class PlaceSettings:
     """Standard deviation of the scale of given places, of a slide or a ruler, which no press shows."""
     worst_place: float = 1e-3
     """Largest scatter about the line [m]; more means wrong presses or places."""
-    given_place_sigma: float = 1e-4
-    """Error of given places [m]."""
+    given_place_sigma: float = 6e-5
+    """Error of given places [m], as of a slide, or of marks in an image by a pixel. What they are off beyond it counts
+    as scatter of the middles, as presses cannot tell one from the other."""
     presses_before: float = 3.0
     """Count of presses that what is known before any is worth, for the spread of an imprint's middle."""
     from_middle: float = 1.5e-3
