@@ -219,6 +219,8 @@ def test_an_object_between_two_fingers_may_come_along_or_slide_at_any_rate_of_fr
     assert 8e-3 < math.sqrt(last.covariance[0, 0]) < 18e-3  # along the pads
     assert math.sqrt(last.covariance[1, 1]) < 1.5e-3  # across the fingers
     assert last.status == "uncertain"
+    assert last.contact_point is not None
+    assert last.contact_normal is None  # the two of them cancel
 
 
 @pytest.mark.parametrize(

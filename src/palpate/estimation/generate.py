@@ -209,7 +209,10 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
     jacobian = [derivatives.of(row) for row in outputs[:count]]
     assignments = [*temporaries, *derivatives.temporaries]
 
-    code = _Printer(symbols, [*condition, *outputs, *(value for _, value in assignments), *_values(jacobian)])
+    differences = _differences(model, symbols, outputs[:count])
+    each = count - (model.object_size if differences else 0)  # rows that are written one by one
+    read = [*outputs[:each], *outputs[count:], *(value for _, value in assignments), *_values(jacobian[:each])]
+    code = _Printer(symbols, [*condition, *read])
     lines = ["@kernel", f"def {factor.name}({STEP_ARGUMENTS if factor.steps else MEASURED_ARGUMENTS}) -> int:"]
     lines.append(f'    """{_summary(factor)}"""')
     if factor.finger is not None:
@@ -226,14 +229,28 @@ def _factor_function(model: Model, settings: np.dtype, factor: Factor) -> str:
         lines.append(f"    applies = {code.doprint(condition[0])}")
         lines.append("    if not applies:")
         lines.append("        return 0")
-    lines.extend(code.loads([*outputs, *(value for _, value in assignments), *_values(jacobian)]))
+    lines.extend(code.loads(read))
     lines.extend(f"    {name} = {code.doprint(value)}" for name, value in assignments)
-    lines.extend(f"    out.residual[{r}] = {code.doprint(row)}" for r, row in enumerate(outputs[:count]))
-    for r, row in enumerate(jacobian):
+    lines.extend(f"    out.residual[{r}] = {code.doprint(row)}" for r, row in enumerate(outputs[:each]))
+    lines.extend(differences)
+    for r, row in enumerate(jacobian[:each]):
         lines.extend(f"    out.jacobian[{r}, {column}] = {code.doprint(value)}" for column, value in row.items())
     lines.extend(_weights(factor, code, outputs[count:], count))
     lines.append(f"    return {count}")
     return "\n".join(lines)
+
+
+def _differences(model: Model, symbols: Symbols, residual: Sequence[Any]) -> list[str]:
+    """Return the loop that writes the last rows of a residual, if they are all differences from the belief."""
+    size = model.object_size
+    if not size or list(residual[-size:]) != symbols.differences:
+        return []
+    first = len(residual) - size
+    return [
+        f"    for k in range({size}):",
+        f"        out.residual[{first} + k] = row.shared[{model.contact_size} + k] - row.first_values[k]",
+        f"        out.jacobian[{first} + k, {2 * model.step_size + model.contact_size} + k] = 1.0",
+    ]
 
 
 def _check(factor: Factor, settings: np.dtype) -> None:

@@ -50,6 +50,8 @@ class Symbols:
     """Code that loads the value of each symbol."""
     derivatives: dict[sympy.Symbol, dict[int, Any]] = field(default_factory=dict)
     """Derivative of each symbol that is not constant, by columns of the Jacobian."""
+    differences: list[sympy.Symbol] = field(default_factory=list)
+    """Differences of all numbers of the object's variables from the belief, in their order."""
 
     def arguments(self) -> dict[str, Any]:
         """Return all that the factor's functions may read, by the names of their parameters."""
@@ -165,7 +167,9 @@ class Symbols:
         """Return the difference of a number of the object's variables from the belief."""
         place = self.model.contact_size + k
         load = f"(row.shared[{place}] - row.first_values[{k}])"
-        return self._number(f"difference_{k}", load, {2 * self.model.step_size + place: sympy.Integer(1)})
+        symbol = self._number(f"difference_{k}", load, {2 * self.model.step_size + place: sympy.Integer(1)})
+        self.differences.append(symbol)
+        return symbol
 
     def _measured(self) -> dict[str, Any]:
         numbers: dict[str, Any] = {

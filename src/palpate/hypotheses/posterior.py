@@ -13,6 +13,7 @@ from palpate.hypotheses.consistency import ConsistencyMonitor, contradicting_dis
 from palpate.hypotheses.rows import Hypotheses
 from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.manifolds.se2_kernels import between, log
+from palpate.models.pushing.hand_step import FACING
 from palpate.models.pushing.layout import IN_OBJECT
 from palpate.models.pushing.variables import GRIP
 from palpate.status import Ambiguity, Implausible, PoseEvidence, Verdict
@@ -29,7 +30,7 @@ class Touching(NamedTuple):
     point: complex
     """Contact point on the outline [m]."""
     normal: complex
-    """Outward normal of the outline there."""
+    """Outward normal of the outline there, of several fingers the mean, which is shorter than 1."""
     innovations: Array
     """Innovations of the factors; see `Estimate.innovations`."""
 
@@ -61,7 +62,8 @@ class Posterior:
             x, y, theta = belief.pose[0].tolist()
             rotation = complex(math.cos(theta), math.sin(theta))
             point = _as_vector(complex(x, y) + rotation * touching.point)
-            normal = _as_vector(rotation * touching.normal / abs(touching.normal))
+            length = abs(touching.normal)
+            normal = _as_vector(rotation * touching.normal / length) if length > FACING else None
         return Estimate(
             time=time,
             pose=belief.pose[0].copy(),

@@ -389,15 +389,9 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, o
     out.residual[0] = t13*t4 + t7*t8
     out.residual[1] = t13*t7 - t4*t8
     out.residual[2] = t12
-    out.residual[3] = (row.shared[3] - row.first_values[0])
-    out.residual[4] = (row.shared[4] - row.first_values[1])
-    out.residual[5] = (row.shared[5] - row.first_values[2])
-    out.residual[6] = (row.shared[6] - row.first_values[3])
-    out.residual[7] = (row.shared[7] - row.first_values[4])
-    out.residual[8] = (row.shared[8] - row.first_values[5])
-    out.residual[9] = (row.shared[9] - row.first_values[6])
-    out.residual[10] = (row.shared[10] - row.first_values[7])
-    out.residual[11] = (row.shared[11] - row.first_values[8])
+    for k in range(9):
+        out.residual[3 + k] = row.shared[3 + k] - row.first_values[k]
+        out.jacobian[3 + k, 15 + k] = 1.0
     out.jacobian[0, 6] = d6*now_g_cos + d7*now_g_sin
     out.jacobian[0, 7] = -d6*now_g_sin + d7*now_g_cos
     out.jacobian[0, 8] = -d1 + now_g_cos*(-d4*now_g_y + d5*now_g_x) - now_g_sin*(-d4*now_g_x - d5*now_g_y)
@@ -412,15 +406,6 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, o
     out.jacobian[1, 11] = d8 + now_e_cos*(-d10*t0 + d9*t1) - now_e_sin*(d10*t1 + d9*t0)
     out.jacobian[2, 8] = -1.0
     out.jacobian[2, 11] = 1.0
-    out.jacobian[3, 15] = 1.0
-    out.jacobian[4, 16] = 1.0
-    out.jacobian[5, 17] = 1.0
-    out.jacobian[6, 18] = 1.0
-    out.jacobian[7, 19] = 1.0
-    out.jacobian[8, 20] = 1.0
-    out.jacobian[9, 21] = 1.0
-    out.jacobian[10, 22] = 1.0
-    out.jacobian[11, 23] = 1.0
     whiten(12, row.first_root, out)
     return 12
 

@@ -683,23 +683,9 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, o
     out.residual[0] = t13*t4 + t7*t8
     out.residual[1] = t13*t7 - t4*t8
     out.residual[2] = t12
-    out.residual[3] = (row.shared[9] - row.first_values[0])
-    out.residual[4] = (row.shared[10] - row.first_values[1])
-    out.residual[5] = (row.shared[11] - row.first_values[2])
-    out.residual[6] = (row.shared[12] - row.first_values[3])
-    out.residual[7] = (row.shared[13] - row.first_values[4])
-    out.residual[8] = (row.shared[14] - row.first_values[5])
-    out.residual[9] = (row.shared[15] - row.first_values[6])
-    out.residual[10] = (row.shared[16] - row.first_values[7])
-    out.residual[11] = (row.shared[17] - row.first_values[8])
-    out.residual[12] = (row.shared[18] - row.first_values[9])
-    out.residual[13] = (row.shared[19] - row.first_values[10])
-    out.residual[14] = (row.shared[20] - row.first_values[11])
-    out.residual[15] = (row.shared[21] - row.first_values[12])
-    out.residual[16] = (row.shared[22] - row.first_values[13])
-    out.residual[17] = (row.shared[23] - row.first_values[14])
-    out.residual[18] = (row.shared[24] - row.first_values[15])
-    out.residual[19] = (row.shared[25] - row.first_values[16])
+    for k in range(17):
+        out.residual[3 + k] = row.shared[9 + k] - row.first_values[k]
+        out.jacobian[3 + k, 21 + k] = 1.0
     out.jacobian[0, 6] = d6*now_g_cos + d7*now_g_sin
     out.jacobian[0, 7] = -d6*now_g_sin + d7*now_g_cos
     out.jacobian[0, 8] = -d1 + now_g_cos*(-d4*now_g_y + d5*now_g_x) - now_g_sin*(-d4*now_g_x - d5*now_g_y)
@@ -714,23 +700,6 @@ def first_pose(before: Records, now: Records, row: Records, settings: Records, o
     out.jacobian[1, 11] = d8 + now_e_cos*(-d10*t0 + d9*t1) - now_e_sin*(d10*t1 + d9*t0)
     out.jacobian[2, 8] = -1.0
     out.jacobian[2, 11] = 1.0
-    out.jacobian[3, 21] = 1.0
-    out.jacobian[4, 22] = 1.0
-    out.jacobian[5, 23] = 1.0
-    out.jacobian[6, 24] = 1.0
-    out.jacobian[7, 25] = 1.0
-    out.jacobian[8, 26] = 1.0
-    out.jacobian[9, 27] = 1.0
-    out.jacobian[10, 28] = 1.0
-    out.jacobian[11, 29] = 1.0
-    out.jacobian[12, 30] = 1.0
-    out.jacobian[13, 31] = 1.0
-    out.jacobian[14, 32] = 1.0
-    out.jacobian[15, 33] = 1.0
-    out.jacobian[16, 34] = 1.0
-    out.jacobian[17, 35] = 1.0
-    out.jacobian[18, 36] = 1.0
-    out.jacobian[19, 37] = 1.0
     whiten(20, row.first_root, out)
     return 20
 
