@@ -207,7 +207,11 @@ def truth_from(object_poses: ArrayLike | None, object_time: ArrayLike, wanted: T
     given = as_array("object_poses", object_poses)
     if given.dtype.kind == "f" and np.isnan(given).all():
         return None
-    return placed_from("object_poses", given, "object_time", object_time, wanted)
+    try:
+        return placed_from("object_poses", given, "object_time", object_time, wanted)
+    except space.NoneKnown as error:
+        logger.warning("%s; there is no ground truth", error)
+        return None
 
 
 @dataclass(frozen=True, eq=False)
