@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from bag_samples import CONTAINERS, ROS2, Message, build_message, pose_message, pose_times, push_messages, write_bag
 from mcap.writer import CompressionType, Writer
 from rosbags import rosbag2
@@ -217,3 +218,32 @@ def test_a_git_lfs_pointer_is_named(tmp_path):
     for path in (folder, tmp_path / "push.mcap"):
         with pytest.raises(FileError, match="is a Git LFS pointer in place of the file; `git lfs pull` gets the file"):
             load_recording(path)
+
+
+AT_ONCE = {"sec": 0, "nsec": 0}
+BEST_EFFORT = {
+    "history": "keep_last",
+    "depth": 10,
+    "reliability": "best_effort",
+    "durability": "volatile",
+    "deadline": AT_ONCE,
+    "lifespan": AT_ONCE,
+    "liveliness": "automatic",
+    "liveliness_lease_duration": AT_ONCE,
+    "avoid_ros_namespace_conventions": False,
+}
+
+
+@pytest.mark.parametrize("qos", ["- history: 99", "garbage: [", "best effort"])
+def test_qos_that_the_library_does_not_take_leaves_the_file_itself(tmp_path, topics, qos):
+    """Also where metadata.yaml was edited, so that it differs from its file: the library then gives no messages."""
+    file = write_bag(tmp_path / "bag", "mcap", push_messages())
+    path = file.with_name("metadata.yaml")
+    content = yaml.safe_load(path.read_text())
+    edited = yaml.safe_dump([BEST_EFFORT]) if qos == "best effort" else qos
+    for topic in content["rosbag2_bagfile_information"]["topics_with_message_count"]:
+        topic["topic_metadata"]["offered_qos_profiles"] = edited
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(FileError, match=re.escape(f"give its file itself, as {file}")):
+        read_bag(path.parent, Disc(0.05))
+    assert counts(topics(file)) == COUNTS

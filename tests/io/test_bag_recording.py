@@ -244,7 +244,7 @@ FORKED = few_images() + still("base left", "base right")
         ),
         (FORKED + still("lost tag"), {"sensor_poses": "left:tag"}, "no chain of transforms leads from 'left' to 'tag'"),
         (few_images() + still("a b", "b a"), {"sensor_poses": "a:b"}, "transforms run in a circle: a < b < a"),
-        (few_images() + poses()[1:] + poses(frame="map")[:1], {}, "/ee_pose: .* in several frames, 'map', 'world'"),
+        (few_images() + poses()[20:] + poses(frame="map")[:20], {}, "/ee_pose: .* in several frames, 'map', 'world'"),
         (few_images() + still("a x", "b x"), {"sensor_poses": "a:x"}, "frame x has 2 parents, a and b"),
     ],
 )
@@ -606,3 +606,129 @@ def test_a_file_that_is_compressed_is_told(tmp_path, first_bytes):
         read_bag(path, SHAPE)
     with pytest.raises(FileError, match="is compressed by"):
         load_recording(path)
+
+
+STAMPS = pose_times()
+
+
+def still_at(time: int, x: float) -> Message:
+    return transform_message(time, "tool", "digit", [x, 0.0, 0.0], LEVEL, static=True)
+
+
+def moving() -> list[Message]:
+    """The sensor's poses as transforms from base to tool."""
+    pairs = zip(STAMPS, true_pose(STAMPS), strict=True)
+    return [
+        transform_message(time, "base", "tool", [*pose[:2], 0.1], Rotation.from_euler("z", pose[2]))
+        for time, pose in pairs
+    ]
+
+
+def test_a_static_transform_that_was_sent_again_with_another_value_is_refused(tmp_path):
+    same = [still_at(START, 0.0), still_at(STAMPS[20], 1e-6)]  # rounding is no change
+    same_poses(read(tmp_path / "same", few_images() + moving() + same).sensor_pose, true_pose(image_times(6)), 2e-6)
+    changed = [still_at(START, 0.0), still_at(STAMPS[20], 0.044)]
+    with pytest.raises(FileError, match=r"transforms of digit .* 1700000000\.401 s .* 44\.0 mm .* two recordings"):
+        read(tmp_path / "other", few_images() + moving() + changed)
+
+
+STRANGE = [
+    ("odom", "tool", "'odom'"),  # a second parent
+    ("", "tool", ""),
+    ("base", "", ""),
+    ("tool", "tool", ""),
+]
+
+
+@pytest.mark.parametrize(("parent", "child", "words"), STRANGE)
+def test_one_transform_that_tf_would_not_take_costs_itself(tmp_path, caplog, parent, child, words):
+    stranger = transform_message(STAMPS[8], parent, child, [3.0, 0.0, 0.0], LEVEL)
+    recording = read(tmp_path, few_images() + moving() + [stranger])
+    same_poses(recording.sensor_pose, true_pose(image_times(6)))
+    assert words in caplog.text and bool(caplog.records) == bool(words)
+
+
+def test_what_keeps_transforms_from_being_a_chain_is_named(tmp_path):
+    halves = [message for number, message in enumerate(moving()) if number < 40]
+    halves += [transform_message(time, "odom", "tool", [0, 0, 0], LEVEL) for time in STAMPS[40:]]
+    with pytest.raises(FileError, match="frame tool has several parents, base and odom"):
+        read(tmp_path / "parents", few_images() + halves)
+    back = transform_message(START, "tool", "base", [0, 0, 0], LEVEL)
+    with pytest.raises(FileError, match="transforms run in a circle"):
+        read(tmp_path / "circle", few_images() + moving() + [back])
+
+
+@pytest.mark.parametrize("frame", ["", "map"])
+def test_one_pose_in_another_frame_costs_itself(tmp_path, caplog, frame):
+    given = poses()
+    given[3] = pose_message(STAMPS[3], [5.0, 5.0, 0.0], frame=frame)
+    same_poses(read(tmp_path, few_images() + given).sensor_pose, true_pose(image_times(6)))
+    assert f"1 of 68 poses are given in frame {frame!r}" in caplog.text
+
+
+@pytest.mark.parametrize("number", [np.nan, 0.0])
+def test_truth_that_is_never_known_is_missing_and_told(tmp_path, caplog, number):
+    nothing = {"position": dict.fromkeys("xyz", number), "orientation": dict.fromkeys("xyzw", number)}
+    truth = [replace(each, topic="/object", content=each.content | {"pose": nothing}) for each in poses()]
+    recording = read(tmp_path, few_images() + poses() + truth, object_poses="/object")
+    assert recording.object_pose is None and len(recording) == 6
+    assert sum("there is no ground truth" in record.getMessage() for record in caplog.records) == 1
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize("pace", [0.01, 2.0])
+def test_times_of_recording_that_a_converter_wrote_do_not_count(tmp_path, caplog, container, pace):
+    """A script that writes topic by topic, with the time at which it does; and a bag that was played slowly."""
+    messages = few_images() + poses()
+    if pace > 1.0:
+        later = [replace(each, log_time=int(START + 1e15 + pace * (each.log_time - START))) for each in messages]
+    else:
+        later = [replace(each, log_time=START + 10**15 + 200_000 * k) for k, each in enumerate(messages)]
+    recording = read(tmp_path, later, container)
+    assert recording.time.tolist() == (image_times(6) / 1e9).tolist()
+    same_poses(recording.sensor_pose, true_pose(image_times(6)))
+    assert "header stamps count" in caplog.text
+
+
+def test_poses_that_were_sent_again_are_no_doubt_about_their_stamps(tmp_path):
+    again = [replace(each, log_time=each.log_time + 5_000_000 * k) for each in poses() for k in range(3)]
+    same_poses(read(tmp_path, few_images() + again).sensor_pose, true_pose(image_times(6)))
+
+
+def set_back(messages: list[Message]) -> list[Message]:
+    """The messages of a machine whose clock was set back by half a second."""
+    late = [restamped([each], lambda time: time - 5 * 10**8)[0] for each in messages]
+    late = [replace(each, log_time=each.log_time - 5 * 10**8) for each in late]
+    limit = START + 6 * 10**8
+    return [back if each.log_time > limit else each for each, back in zip(messages, late, strict=True)]
+
+
+UPTIME = 10**15  # [ns]
+
+
+@pytest.mark.parametrize(
+    ("images", "given", "words"),
+    [
+        (
+            lambda time: int(float(np.float32((time - START + UPTIME) * 1e-9)) * 1e9),
+            lambda time: time - START + UPTIME,
+            "float32",
+        ),
+        (lambda time: time // 10**9 * 10**9 + time % 10**9 // 1000, lambda time: time, "another unit"),
+        (lambda time: time + 7200 * 10**9, lambda time: time, "time zone"),
+        (lambda time: time - START + 10**12, lambda time: time, "start of a machine"),
+    ],
+)
+def test_why_stamps_do_not_go_together_is_named(tmp_path, images, given, words):
+    with pytest.raises(FileError, match=f"{words}.*--clock log"):
+        read(tmp_path, restamped(few_images(20), images) + restamped(poses(), given))
+
+
+def test_stamps_that_are_apart_by_less_than_a_second_are_told(tmp_path, caplog):
+    read(tmp_path, restamped(few_images(6), lambda time: time + 4 * 10**8) + poses())
+    assert "clocks differ: --time-offset" in caplog.text
+
+
+def test_two_poses_at_many_times_are_two_takes(tmp_path):
+    with pytest.raises(FileError, match=r"/ee_pose: .* two takes .* set back"):
+        read(tmp_path, few_images(20) + set_back(poses()))

@@ -1,5 +1,6 @@
 """A recording from one's own arrays: every way of giving them, and what is refused in words."""
 
+import io
 import logging
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -8,6 +9,7 @@ import cv2
 import numpy as np
 import planar as se2
 import pytest
+from PIL import Image
 from recording_samples import TINY_CAMERA, encoded, tiny_images
 from scipy.spatial.transform import Rotation
 
@@ -299,6 +301,37 @@ def test_a_dark_border_round_the_gel_is_told(caplog):
     for image, is_told in ((gel, False), (framed, True)):
         made(images=[image] * 20, sensor="gelsight-mini", codec="png")
         assert ("dark border on all sides" in caplog.text) == is_told
+
+
+def png_of(levels, kind):
+    """A PNG (height, width, 3) as other programs write it: of 16 bits, or grey."""
+    if kind.startswith("grey"):
+        image = Image.fromarray((levels >> 8).astype(np.uint8)).convert("L" if kind == "grey" else "LA")
+        target = io.BytesIO()
+        image.save(target, "png")
+        return target.getvalue()
+    code, data = cv2.imencode(".png", levels)
+    assert code
+    return data.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("shift", "kind"), [(0, "rgb"), (4, "rgb"), (6, "rgb"), (8, "rgb"), (0, "grey"), (0, "grey, alpha")]
+)
+def test_images_whose_bits_hold_no_colours_of_8_bits_are_named(shift, kind):
+    levels = np.random.default_rng(0).normal(120, 9, (320, 240, 3)).clip(0, 255).astype(np.uint16) * 257 >> shift
+    images = [png_of(levels, kind)] * 20
+    if not shift and kind == "rgb":
+        assert np.abs(made(images=images, sensor="digit")[0].image.astype(int) - (levels >> 8)[..., ::-1]).max() <= 1
+        return
+    with pytest.raises(FileError, match="has 16 bits, of which" if shift else "is grey"):
+        made(images=images, sensor="digit")
+
+
+def test_grey_images_in_three_channels_are_told(caplog):
+    levels = np.random.default_rng(0).normal(120, 9, (320, 240, 1)).clip(0, 255).astype(np.uint8)
+    made(images=[np.repeat(levels, 3, axis=2)] * 20, sensor="digit")
+    assert "red, green and blue are alike" in caplog.text
 
 
 def test_ground_truth_has_times_and_holes_of_its_own():

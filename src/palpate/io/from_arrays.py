@@ -116,7 +116,7 @@ def encoded_images(
     do not fit become empty bytes, a frame that tracking skips. Raises FileError, which names the image, if none of the
     images that are looked at can be used.
     """
-    from palpate.touch.background import warn_if_bordered, warn_if_squeezed
+    from palpate.touch.background import warn_if_bordered, warn_if_grey, warn_if_squeezed
 
     _warn_if_sorted_as_texts(name, images)
     view = camera_view(orientation)
@@ -152,6 +152,7 @@ def encoded_images(
         logger.warning("%s: %d of %d images are left out: %s", name, empty, len(encoded), first_damage)
     warn_if_squeezed(samples, name)
     warn_if_bordered(samples, name)
+    warn_if_grey(samples, name)
     return tuple(encoded)
 
 
@@ -207,7 +208,11 @@ def truth_from(object_poses: ArrayLike | None, object_time: ArrayLike, wanted: T
     given = as_array("object_poses", object_poses)
     if given.dtype.kind == "f" and np.isnan(given).all():
         return None
-    return placed_from("object_poses", given, "object_time", object_time, wanted)
+    try:
+        return placed_from("object_poses", given, "object_time", object_time, wanted)
+    except space.NoneKnown as error:
+        logger.warning("%s; there is no ground truth", error)
+        return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,22 +6,25 @@ outline of the object; `rosbag_recording.read_bag` makes a recording of a bag an
 
 import logging
 from array import array
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from os.path import realpath
 from pathlib import Path
+from sys import intern
 from typing import Any
 
 import numpy as np
 
+from palpate.arrays import Flags
 from palpate.errors import FileError, one_line
 from palpate.files import begins_with, existing_file, read_text
 from palpate.io.decode_message import decoded
 from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, poses_of, stamp_of
-from palpate.io.time_order import believed, stamped_in_order
-from palpate.types.space import Placed, Times, placed_at
+from palpate.io.time_order import are_few, believed, stamped_in_order
+from palpate.types.space import Placed, Times, check_unchanged, placed_at
 
 logger = logging.getLogger(__name__)
 
@@ -34,6 +37,10 @@ _PACKED = {
     b"7z\xbc\xaf\x27\x1c": ("7-Zip", "unpack"),
 }
 """First bytes of compressed files that nothing here reads, with their kind and what to do."""
+
+
+FEWEST_POSES = 10
+"""Poses of which a single one in another frame is no second source."""
 
 
 class CutShort(Exception):
@@ -166,16 +173,31 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
     is_ros2 = _is_ros2(path)
     if is_ros2 and path.is_file() and path.suffix != ".db3":
         raise FileError(f"{path}: is a ROS 2 database with the suffix {path.suffix!r}, allowed is .db3: rename it")
+    found = 0
     try:
         with rosbag2.Reader(path) if is_ros2 else rosbag1.Reader(path) as reader:
+            count = reader.message_count
             for connection, time, data in reader.messages():
                 encoding: Any = getattr(connection.ext, "serialization_format", "ros1")
                 yield RawMessage(Channel(connection.topic, connection.msgtype, encoding), time, bytes(data))
+                found += 1
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({one_line(error)})") from error
     except Exception as error:  # damaged bytes can raise anything in the readers
         repair = "ros2 bag reindex" if is_ros2 else "rosbag reindex"
-        raise FileError(f"{path}: cannot be read ({one_line(error)}); `{repair}` may repair it") from error
+        raise FileError(
+            f"{path}: cannot be read ({one_line(error)}); `{repair}` may repair it{_parts(path)}"
+        ) from error
+    if count and not found:
+        raise FileError(
+            f"{path}: {count} messages are in its metadata.yaml, and it fits none of its files{_parts(path)}"
+        )
+
+
+def _parts(path: Path) -> str:
+    """Return advice to give a file of a folder in its place, or ""."""
+    files = sorted([*path.glob("[!.]*.mcap"), *path.glob("[!.]*.db3")])
+    return f"; or give its file itself, as {files[0]}" if len(files) == 1 else ""
 
 
 @dataclass
@@ -190,8 +212,8 @@ class Stream:
     """True for transforms by a schema of Foxglove, where one that is sent once holds at all times."""
     times: dict[str, "array[int]"] = field(default_factory=lambda: {"log": array("q"), "header": array("q")})
     """Times by clock [ns]; by the clock of headers there are none if messages have no headers."""
-    frames: list[str] = field(default_factory=list)
-    """Frames in which the poses are given; several contradict one another."""
+    frame: "list[str]" = field(default_factory=list)
+    """Frame in which each pose is given."""
     numbers: "array[float]" = field(default_factory=partial(array, "d"))
     """Seven numbers of each pose, position x, y, z [m] and quaternion x, y, z, w; one number of each contact flag."""
     topics: set[str] = field(default_factory=set)
@@ -202,11 +224,27 @@ class Stream:
     def are_equal(self, clock: str) -> bool:
         """Return true if too many messages have the same time: half of them or, of transforms, all.
 
-        Transforms may be sent again.
+        Transforms may be sent again, and so may poses, with their value.
         """
         times = self.times[clock]
-        fewest_different = 1 if self.is_transform else len(times) // 2
-        return len(times) > 1 and len(set(times)) <= fewest_different
+        different = len(set(times))
+        if len(times) < 2 or different > len(times) // 2:
+            return False
+        if different == 1 or not self.numbers:
+            return different == 1 or not self.is_transform
+        rows = np.array(self.numbers).reshape(len(times), -1)
+        messages = len(np.unique(np.column_stack([np.array(times, np.int64).view(np.float64), rows]), axis=0))
+        return not self.is_transform and different <= messages // 2
+
+    @property
+    def frames(self) -> list[str]:
+        """Frames in which the poses are given, but those of a few poses; several contradict one another."""
+        counts = Counter(self.frame)
+        usual, most = counts.most_common(1)[0] if counts else ("", 0)
+        others = len(self.frame) - most
+        if len(self.frame) >= FEWEST_POSES and are_few(others, len(self.frame)):
+            return [usual]
+        return list(counts)
 
     @property
     def offsets(self) -> Times:
@@ -237,22 +275,37 @@ class Stream:
             self.times["header"].append(stamp)
         if pose is not None:
             self.numbers.extend(pose.numbers)
-            if pose.frame not in self.frames:
-                self.frames.append(pose.frame)
+            self.frame.append(intern(pose.frame))
 
     def placed(self, clock: str, time: Times) -> Placed:
         """Return the poses at times (M,) [ns] of a clock. Raises FileError if the times of the poses go back."""
         numbers = np.array(self.numbers).reshape(-1, 7)
         times = np.array(self.times[clock], np.int64)
+        log_time = np.array(self.times["log"], np.int64)
         holds_always = self.is_static or (self.is_foxglove and len(numbers) == 1)
         if self.is_static and len(self.topics) > 1:
             raise FileError(f"{self.name} are on {' and '.join(sorted(self.topics))}; allowed is one of both")
+        in_frame = self._in_usual_frame()
+        numbers = numbers[in_frame]
+        times = times[in_frame]
+        log_time = log_time[in_frame]
+        if self.is_static:
+            check_unchanged(self.name, log_time, numbers)
         if not holds_always:
-            log_time = np.array(self.times["log"], np.int64)
             ordered = stamped_in_order(self.name, times, log_time, clock == "header")
             times = ordered.time
             numbers = numbers[ordered.numbers]
         return placed_at(self.name, times, numbers, time, holds_always)
+
+    def _in_usual_frame(self) -> Flags:
+        """Return flags of poses without the few that are given in another frame, which a warning counts."""
+        frames = self.frames
+        kept = np.array([frame in frames for frame in self.frame], np.bool_)
+        if not kept.all():
+            words = "%s: %d of %d poses are given in frame %r, not in %r, and are left out"
+            other = self.frame[int(np.argmin(kept))]
+            logger.warning(words, self.name, (~kept).sum(), len(kept), other, frames[0])
+        return kept
 
 
 @dataclass(frozen=True)
@@ -315,6 +368,8 @@ def _add_message(raw: RawMessage, topic: Stream, transforms: dict[str, Stream]) 
     elif poses:
         topic.add(raw.log_time, stamp_of(message))
         for pose in poses:
+            if not pose.child or not pose.frame or pose.child == pose.frame:
+                continue  # which tf2 ignores as well
             stream = transforms.setdefault(pose.child, Stream(f"transforms of {pose.child}", is_transform=True))
             stream.is_static |= raw.channel.topic.endswith("tf_static")
             stream.is_foxglove |= raw.channel.is_foxglove

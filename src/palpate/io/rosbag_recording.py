@@ -22,14 +22,18 @@ from palpate.io.hand_frames import OfFinger, hand_fields
 from palpate.io.recording import Recording
 from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, image_in, stamp_of, yuv_order
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
-from palpate.io.time_order import stamped_in_order
+from palpate.io.time_order import check_not_rounded, stamped_in_order
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
 from palpate.types.hand import Hand, by_finger, check_names
 from palpate.types.images import UprightImage, camera_view, encode_image, fitted
 from palpate.types.sensor import SENSORS, SensorProfile, is_named_touch
-from palpate.types.space import Placed, Plane, Times, onto_gel
+from palpate.types.space import NoneKnown, Placed, Plane, Times, onto_gel
 
 logger = logging.getLogger(__name__)
+
+
+LONGEST_DELAY = 0.1
+"""[s] Largest difference of the times that messages of two streams take to be recorded."""
 
 
 class BagReading(NamedTuple):
@@ -128,7 +132,7 @@ def _check_times(streams: list[Stream], clock: Literal["header", "log"]) -> None
     """Raise FileError unless the times of streams are set, differ, and come from one clock.
 
     Header stamps are compared with the times of recording, where there are any: they must agree within a second, as a
-    message is recorded some time after it was sent.
+    message is recorded some time after it was sent, unless a converter or a replay wrote other times of recording.
     """
     is_header = clock == "header" and not any(stream.are_equal("log") for stream in streams)
     advice = "; --clock log takes the times of recording" if is_header else ""
@@ -141,6 +145,8 @@ def _check_times(streams: list[Stream], clock: Literal["header", "log"]) -> None
             kind = "times of recording" if clock == "log" else "header stamps"
             different = f"{len(times)} messages in {stream.name} have only {len(set(times))} different"
             raise FileError(f"{different} {kind}{advice}")
+        if is_header:
+            check_not_rounded(f"{stream.name}: header stamps", np.array(stream.times[clock], np.int64), advice)
         if len(stream.offsets):
             ends.append((int(stream.offsets.min()), stream.name))
             ends.append((int(stream.offsets.max()), stream.name))
@@ -148,11 +154,53 @@ def _check_times(streams: list[Stream], clock: Literal["header", "log"]) -> None
         return
     least, early = min(ends)
     most, late = max(ends)
-    if most - least > 10**9:
-        raise FileError(
-            f"clocks differ or jump: header stamps are {least * 1e-9:+.3f} s off the times of recording in "
-            f"{early}, {most * 1e-9:+.3f} s in {late}{advice}"
+    if most - least <= 10**9:
+        _warn_if_apart(streams)
+        return
+    if _are_written_later(streams):
+        logger.warning("header stamps count: the times of recording are those of a converter or a replay")
+        return
+    raise FileError(
+        f"clocks differ or jump: header stamps are {least * 1e-9:+.3f} s off the times of recording in "
+        f"{early}, {most * 1e-9:+.3f} s in {late}{_cause_of(least, most)}{advice}"
+    )
+
+
+def _warn_if_apart(streams: list[Stream]) -> None:
+    """Warn of streams whose stamps differ in their distance to the times of recording by more than LONGEST_DELAY."""
+    late = sorted((float(np.median(each.offsets)) * 1e-9, each.name) for each in streams if len(each.offsets))
+    (least, early), (most, last) = late[0], late[-1]
+    if most - least > LONGEST_DELAY:
+        words = (
+            "header stamps are %+.3f s off the times of recording in %s, %+.3f s in %s: if messages are not that late, "
         )
+        logger.warning(words + "clocks differ: --time-offset moves the images", least, early, most, last)
+
+
+def _are_written_later(streams: list[Stream]) -> bool:
+    """Return true if all streams last longer or shorter by their times of recording than by stamps, which overlap."""
+    starts: list[int] = []
+    ends: list[int] = []
+    for stream in streams:
+        stamps = np.array(stream.times["header"], np.int64)
+        if len(stamps) < 2 or not stamps.all():
+            return False
+        pace = np.ptp(np.array(stream.times["log"], np.int64)) / max(np.ptp(stamps), 1)
+        if 0.9 < pace < 1.1:
+            return False
+        starts.append(int(stamps.min()))
+        ends.append(int(stamps.max()))
+    return max(starts) < min(ends)
+
+
+def _cause_of(least: int, most: int) -> str:
+    """Return a question on clocks that differ by constant times [ns], or ""."""
+    half_hours = (most - least) / 1.8e12
+    if 0.9 < half_hours < 29.0 and abs(half_hours - round(half_hours)) < 1e-3:
+        return ": is one in another time zone?"
+    if least < -1e18 and most > -1e16:
+        return ": does one count from the start of a machine or a simulation?"
+    return ""
 
 
 def _source(bag: Contents, name: str | None, leave_out: _Source | None) -> _Source:
@@ -215,6 +263,18 @@ def _frames(bag: Contents) -> str:
     return f"; frames of transforms are {', '.join(sorted(names))}" if names else ""
 
 
+def _contradiction(bag: Contents) -> str:
+    """Return words on a frame with several parents, or a circle of transforms, which leave no whole chain; or ""."""
+    for name in bag.transforms:
+        way = _way_up(bag, name)
+        if way[-1] in way[:-1]:
+            return f"transforms run in a circle: {' < '.join(way)}"
+        if way[-1] in bag.transforms:
+            parents = " and ".join(bag.transforms[way[-1]].frames)
+            return f"frame {way[-1]} has several parents, {parents}: allowed is one"
+    return ""
+
+
 def _only(bag: Contents, kind: str, names: list[str], chosen: str | None, option: str) -> str:
     """Return the chosen name, or the only one of some. Raises FileError that lists them."""
     if chosen in names or (chosen is None and len(names) == 1):
@@ -222,6 +282,8 @@ def _only(bag: Contents, kind: str, names: list[str], chosen: str | None, option
     others = ", ".join(f"{channel.topic} of {channel.type}" for channel in bag.topics if not channel.is_read)
     candidates = ", ".join(names) or f"none of a type that is read, but {others or 'no others'}"
     problem = f"has {'more than one' if names else 'no'} {kind}"
+    if not names and "PARENT:" in option and _contradiction(bag):
+        raise FileError(f"{problem}, as {_contradiction(bag)}")
     if chosen:
         problem = f"has no {kind} {chosen!r}"
     frames = _frames(bag) if "PARENT:" in option else ""
@@ -286,7 +348,7 @@ def recording_of(bag: Contents, shape: Shape, choices: BagChoices, sensor: Senso
     frames = SpatialFrames(
         time,
         poses_of_gel(poses.placed(choices.clock, time)),
-        None if truth is None else truth.placed(choices.clock, time),
+        _true_poses(truth, choices.clock, time),
         None if images is None else (topic, images),
         flags,
     )
@@ -315,7 +377,7 @@ def hand_recording_of(bag: Contents, shape: Shape, choices: BagChoices, hand: Ha
     poses, truth = _sources(bag, choices, *(bag.of(IMAGE_TYPES)[topic] for topic in topics.values()))
 
     def placed(time: Times) -> tuple[Placed, Placed | None]:
-        return poses_of_hand(poses.placed(choices.clock, time)), truth and truth.placed(choices.clock, time)
+        return poses_of_hand(poses.placed(choices.clock, time)), _true_poses(truth, choices.clock, time)
 
     fields, plane = hand_fields(str(bag.path), poses.frame, given, placed, choices, hand)
     names = [*(f"{finger}={topic}" for finger, topic in topics.items()), poses.name]
@@ -323,6 +385,17 @@ def hand_recording_of(bag: Contents, shape: Shape, choices: BagChoices, hand: Ha
         names.append(truth.name)
     source = f"bag {bag.path.name}: {', '.join(names)}"
     return BagReading(Recording(**fields, shape=shape, source=source, file=bag.path), plane)
+
+
+def _true_poses(truth: _Source | None, clock: str, time: Times) -> Placed | None:
+    """Return true poses at times (M,) [ns]; None if there are none or, with a warning, none is known."""
+    if truth is None:
+        return None
+    try:
+        return truth.placed(clock, time)
+    except NoneKnown as error:
+        logger.warning("%s; there is no ground truth", error)
+        return None
 
 
 def _one_at_a_time(topic: str, images: list[tuple[int, Any]]) -> tuple[Times, list[Any]]:

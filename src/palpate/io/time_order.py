@@ -34,6 +34,8 @@ class _Limits:
     """[s] Smallest step of a clock that is taken out; delays of messages vary by less."""
     together: float = 0.1
     """[s] Largest difference of the starts of two streams that were recorded together."""
+    slow: float = 0.02
+    """Least step of stamps against that of the times of recording: below it they are in another unit."""
     block: int = 10
     """Messages of which the one that was least late tells the clock."""
 
@@ -166,6 +168,8 @@ def stamped_in_order(name: str, stamp: Times, log_time: Times, is_header: bool) 
         logger.warning(words, name, (~good).sum(), len(stamp), stamp[first] * 1e-9)
     kept = np.flatnonzero(good)
     advice = "; --clock log takes the times of recording" if is_recorded else ""
+    if is_recorded:
+        _check_pace(name, stamp[kept], log_time[order][kept], advice)
     kept = kept[in_order(f"{name}: header stamps", stamp[kept], advice)]
     step = _clock_step(name, stamp[kept], offset[kept]) if is_recorded else 0
     return Ordered(order[kept], stamp[kept] - step)
@@ -182,6 +186,30 @@ def believed(stamp: Times, log_time: Times) -> Flags:
     offset = stamp - log_time
     is_far = good & (np.abs(offset - np.median(offset[good])) > _LIMITS.farthest_offset)
     return good & ~is_far if are_few(int(is_far.sum()), len(stamp)) else good
+
+
+def check_not_rounded(name: str, stamp: Times, advice: str) -> None:
+    """Raise FileError if stamps (N,) [ns], none of which is 0, are too coarse, as float32 rounds seconds."""
+    seconds = stamp[stamp != 0] * 1e-9
+    steps = np.diff(np.unique(seconds))
+    if not len(steps):
+        return
+    rounded = seconds.astype(np.float32)
+    resolution = float(np.spacing(np.median(rounded)))
+    if resolution > max(0.1 * float(np.median(steps)), 1e-4) and (np.abs(rounded - seconds) < 1e-8).all():
+        raise FileError(f"{name} are exact to {resolution:.3g} s, as float32 rounds them{advice}")
+
+
+def _check_pace(name: str, stamp: Times, log_time: Times, advice: str) -> None:
+    """Raise FileError if stamps (N,) [ns] come in bunches where times of recording (N,) do not, as in a wrong unit."""
+    if len(stamp) < _LIMITS.block:
+        return
+    step, usual = (float(np.median(np.abs(np.diff(times)))) * 1e-9 for times in (stamp, log_time))
+    if 0.0 < step < _LIMITS.slow * usual:
+        raise FileError(
+            f"{name}: header stamps are, in the median, {step:.3g} s from one to the next, and times of recording "
+            f"{usual:.3g} s: is a part of the stamps in another unit?{advice}"
+        )
 
 
 def _clock_step(name: str, stamp: Times, offset: Times) -> Times | int:

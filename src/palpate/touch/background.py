@@ -152,6 +152,13 @@ def warn_if_squeezed(images: Iterable[Image], name: str = "the first images") ->
         logger.warning("%s seem to have been scaled to their size while they lay on their side: turn them", name)
 
 
+def warn_if_grey(images: Iterable[Image], name: str = "the first images") -> None:
+    """Warn of images whose channels are all alike."""
+    alike = [bool((image == image[..., :1]).all()) for image in images if np.ptp(image)]
+    if alike and np.mean(alike) > 0.5:
+        logger.warning("%s are grey: red, green and blue are alike; touch is read from the colours of the gel", name)
+
+
 def warn_if_bordered(images: Iterable[Image], name: str = "the first images") -> None:
     """Warn of images that show the dark housing around the gel, as a GelSight Mini's camera sees it, on all sides."""
     shares: list[float] = []

@@ -146,14 +146,26 @@ def decode_image(data: bytes, size: tuple[int, int] | None = None) -> Image:
 
     try:
         image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
-        if image.mode.startswith(("I", "F")):  # Pillow would cut off their levels at 255
-            raise FileError("is grey in 16 bits, expected 8 bits and colours")
+        if image.mode.startswith(("1", "L", "I", "F")):
+            kind = "grey in 16 bits" if image.mode.startswith("I") else "grey"
+            raise FileError(f"is {kind}, expected 8 bits and colours")
         pixels = np.array(image.convert("RGB"))
     except Image.DecompressionBombError as error:
         raise FileError(f"is an image that is far too large ({error})") from error
     except (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error) as error:
         raise FileError(f"its {len(data)} bytes do not decode as {codec_of(data) or 'JPEG or PNG'}") from error
+    _check_range(data, pixels)
     return pixels if size is None else fitted(pixels, size)
+
+
+def _check_range(data: bytes, pixels: Image) -> None:
+    """Raise FileError if a PNG of 16 bits holds 10, 12 or 14, which are all dark in the upper 8 that are taken."""
+    is_16_bits = codec_of(data) == "png" and data[24:25] == b"\x10"
+    if is_16_bits and int(pixels.max()) < 64:
+        raise FileError(
+            f"has 16 bits, of which the upper 8 reach {pixels.max()} of 255: are these 10, 12 or 14 bits? Expected are "
+            "8 bits to 255, or 16 to 65535"
+        )
 
 
 def scaled(image: Image, size: tuple[int, int]) -> Image:

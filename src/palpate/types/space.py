@@ -19,7 +19,7 @@ from palpate.geometry import se2
 from palpate.types.choices import Placement
 from palpate.types.images import camera_view
 from palpate.types.measurements import finite_numbers
-from palpate.types.stray_poses import MANY, stray_poses
+from palpate.types.stray_poses import MANY, check_one_at_a_time, stray_poses
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -32,6 +32,16 @@ MOST_WRONG = 0.1
 """Share of poses that may be wrong and cost only themselves."""
 STEEPEST = 20.0
 """[deg] Largest angle of a sensor's x axis out of the plane, or of its z axis from the normal: its yaw is then good."""
+
+
+SAME_PLACE = 1e-4
+"""[m] Largest difference of static poses that are the same, but for rounding."""
+SAME_ANGLE = 1e-3
+"""[rad] The same of their rotations."""
+
+
+class NoneKnown(FileError):
+    """A stream of poses of which none is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +91,8 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
     numbers = numbers[~is_lost]
     order = np.argsort(time, kind="stable")
     is_last_at_its_time = np.append(np.diff(time[order]) > 0, True)
+    if not is_static:
+        check_one_at_a_time(name, time[order], numbers[order, :3])
     order = order[is_last_at_its_time]
     time = time[order]
     position = numbers[order, :3]
@@ -94,11 +106,32 @@ def placed_at(name: str, time: Times, numbers: Array, wanted: Times, is_static: 
     return _interpolated(name, time[~is_stray], position[~is_stray], rotation_kept, lost_time, wanted)
 
 
+def check_unchanged(name: str, time: Times, numbers: Array) -> None:
+    """Raise FileError if a static pose was sent again, at times (N,) [ns], with another value (N, 7)."""
+    from scipy.spatial.transform import Rotation
+
+    kept = np.isfinite(numbers).all(axis=1) & (numbers[:, 3:] != 0.0).any(axis=1)
+    known = numbers[kept]
+    if len(known) < 2:
+        return
+    way = np.linalg.norm(known[:, :3] - known[0, :3], axis=1)
+    turn = (Rotation.from_quat(known[0, 3:]).inv() * Rotation.from_quat(known[:, 3:])).magnitude()
+    has_changed = (way > SAME_PLACE) | (turn > SAME_ANGLE)
+    if not has_changed.any():
+        return
+    first = int(np.argmax(has_changed))
+    raise FileError(
+        f"{name} are static and were sent again at {time[kept][first] * 1e-9:.3f} s with another value, "
+        f"{1e3 * way[first]:.1f} mm and {np.degrees(turn[first]):.1f} degrees off: was the mounting changed or "
+        "calibrated anew? Allowed is one value: cut the bag there into two recordings"
+    )
+
+
 def _lost_poses(name: str, time: Times, numbers: Array) -> Flags:
     """Return flags (N,) of poses (N, 7) that are unknown; see `placed_at` for the errors and the warning."""
     is_lost = ~np.isfinite(numbers).all(axis=1) | (numbers[:, 3:] == 0.0).all(axis=1)
     if is_lost.all():
-        raise FileError(f"{name}: none of {len(time)} poses is known: all hold NaN or a quaternion of zeros")
+        raise NoneKnown(f"{name}: none of {len(time)} poses is known: all hold NaN or a quaternion of zeros")
     is_in_range = np.asarray(checks.are_in_range(numbers).all(axis=1))
     length = np.linalg.norm(np.where(is_in_range[:, None], numbers[:, 3:], 0.0), axis=1)
     is_wrong = ~is_lost & ~(is_in_range & (np.abs(length - 1.0) < 1e-2))

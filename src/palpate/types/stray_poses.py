@@ -69,6 +69,19 @@ def stray_poses(name: str, time: Times, position: Array, rotation: Any) -> Flags
     return np.zeros(len(time), np.bool_)  # noise
 
 
+def check_one_at_a_time(name: str, time: Times, position: Array) -> None:
+    """Raise FileError if many of the times (N,) [ns], which do not go back, have positions (N, 3) [m] far apart."""
+    way = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    is_double = (np.diff(time) == 0) & (way > _LIMITS.leap)
+    if is_double.sum() > max(1, MANY * len(time)):
+        first = int(np.argmax(is_double))
+        raise FileError(
+            f"{name}: {is_double.sum()} of {len(time)} poses have the time of another one and are up to "
+            f"{1e3 * way[is_double].max():.0f} mm from it, first at {time[first] * 1e-9:.3f} s: are these two takes or "
+            "two senders, or was a clock set back? allowed is one pose at a time"
+        )
+
+
 def _mark_leaps(leaps: Array, place: Array, seconds: Array, count: int) -> None:
     """Write the leaps of `count` places in a row (N, 9) from the way between the places before and after them."""
     number = len(place)
