@@ -85,8 +85,8 @@ def track(
     if not isinstance(recording, Recording):
         kind = type(recording).__name__
         raise SettingError(
-            f"found a {kind} to track, expected a Recording; load_recording reads one from a file, and read_bag has one "
-            "as its .recording"
+            f"found a {kind} to track, expected a Recording; load_recording reads one from a file, and read_bag has "
+            "one as its .recording"
         )
     total = len(recording)
     settings = settings or TrackerSettings()
