@@ -53,7 +53,7 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
     Raises FileError.
     """
     try:
-        if np.ma.is_masked(value):
+        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             return _without_mask(name, value)
         array = np.asarray(without_gradient(value))
     except (ValueError, MemoryError) as error:  # one long text among numbers asks for terabytes

@@ -1,6 +1,7 @@
 """The tracker: one frame in, one estimate out."""
 
 import logging
+import threading
 from collections.abc import Callable, Mapping, Sequence
 
 from numpy.typing import ArrayLike
@@ -69,6 +70,7 @@ class Tracker:
         check_shape_and_settings(shape, settings)
         settings = settings or TrackerSettings()
         self._settings = settings
+        self._lock = threading.Lock()
         self._first = first_pose_of(first_pose, first_pose_sigma, settings)
         self._sensors: Sensors
         if hand is None:
@@ -84,6 +86,15 @@ class Tracker:
         self._filter = self._sensors.estimator(self._first)
         self._sensors.begin(self._first.pose, self._first.covariance)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state of copies and pickles, which have a lock of their own."""
+        return {name: value for name, value in vars(self).items() if name != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take the state of a copy or a pickle."""
+        vars(self).update(state)
+        self._lock = threading.Lock()
+
     def reset(self, pose: ArrayLike | None = None, sigma: ArrayLike | None = None) -> None:
         """Begin anew with the same sensor, settings and untouched gel; the next frame may have any time.
 
@@ -91,9 +102,10 @@ class Tracker:
         """
         if pose is not None or sigma is not None:
             self._first = first_pose_of(self._first.pose if pose is None else pose, sigma, self._settings)
-        self._sensors.reset()
-        self._filter.begin(self._first.pose, self._first.covariance)
-        self._sensors.begin(self._first.pose, self._first.covariance)
+        with self._lock:
+            self._sensors.reset()
+            self._filter.begin(self._first.pose, self._first.covariance)
+            self._sensors.begin(self._first.pose, self._first.covariance)
 
     def update(self, frame: Frame, measurements: Sequence[Measurement] = ()) -> Estimate:
         """Take the next frame and return the estimate at its time.
@@ -105,15 +117,16 @@ class Tracker:
         computed, not even by beginning anew from the last pose: the next frame then begins another contact.
         """
         sensors = self._sensors
-        checked = sensors.check(frame, measurements, self._filter)
-        if checked.is_first:
-            self._first.warn_if_far_from(checked.frame.sensor_pose)
-        if checked.ends_contact:
-            self._filter.end_contact(checked.unobserved_push)
-        measured = sensors.measure(checked)
-        posterior = sensors.step(self._filter, checked, measured)
-        sensors.accept(checked, measured)
-        return sensors.estimate(checked, posterior)
+        with self._lock:  # of two threads one waits
+            checked = sensors.check(frame, measurements, self._filter)
+            if checked.is_first:
+                self._first.warn_if_far_from(checked.frame.sensor_pose)
+            if checked.ends_contact:
+                self._filter.end_contact(checked.unobserved_push)
+            measured = sensors.measure(checked)
+            posterior = sensors.step(self._filter, checked, measured)
+            sensors.accept(checked, measured)
+            return sensors.estimate(checked, posterior)
 
     @property
     def tactile(self) -> TactileChoice:

@@ -160,6 +160,19 @@ def test_a_replay_is_tracked_in_real_time_and_recorded(run_palpate):
     assert code == 0 and json.loads(out)["frames"] == FRAMES
 
 
+def test_a_machine_that_is_too_slow_is_told_of(run_palpate, monkeypatch):
+    in_time = palpate.Tracker.update
+    hint = "palpate track push.mcap"
+    monkeypatch.setattr("palpate.cli.track.own_command", lambda: "palpate")
+
+    def late(*words: Any) -> Any:
+        time.sleep(0.1)
+        return in_time(*words)
+
+    monkeypatch.setattr(palpate.Tracker, "update", late)
+    assert hint in run_palpate(*REPLAY)[1]
+
+
 def test_a_bag_is_replayed(run_palpate, fails):
     write_bag(Path("bag.mcap"), "mcap", push_messages())
     words = ("live", "--tactile", "none", "--replay", "bag.mcap")

@@ -13,6 +13,7 @@ from PIL import Image
 from recording_samples import TINY_CAMERA, encoded, tiny_images
 from scipy.spatial.transform import Rotation
 
+import palpate
 from palpate import (
     POINT,
     Disc,
@@ -436,3 +437,36 @@ def test_images_that_were_squeezed_are_warned_of(caplog):
         assert "lay on their side" not in caplog.text
         made(image_time=IMAGE_TIME[:2], images=images, sensor="DIGIT")
     assert "images seem to have been scaled to their size while they lay on their side" in caplog.text
+
+
+class NamedColumns:
+    """A table as pandas has it."""
+
+    def __init__(self, columns: list[Any], values: Any) -> None:
+        self.columns = columns
+        self.values = values
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        return np.array(self.values, dtype)
+
+
+def test_columns_of_a_table_are_in_the_order_of_a_pose():
+    poses = true_pose(POSE_TIME)
+    for columns in (["x", "y", "theta"], ["X", "y", "th"], [0, 1, 2], ["a", "b", "c"]):
+        same(made(poses=NamedColumns(columns, poses)).sensor_pose, made().sensor_pose)
+    for columns in (["theta", "x", "y"], ["y", "x", "theta"], ["x", "y", "theta_deg"]):
+        with pytest.raises(FileError, match="columns"):
+            made(poses=NamedColumns(columns, poses))
+
+
+def test_halves_of_complex_numbers_and_flags_are_no_pose():
+    tracker = Tracker(Disc(0.05), POINT, (0.0, 0.0, 0.0))
+    for pose in (np.full(3, 0.1 + 0.2j), np.array([True, False, True])):
+        with pytest.raises(FrameError, match="sensor pose"):
+            tracker.update(Frame(0.0, pose, contact=False))
+
+
+def test_a_path_is_no_recording_to_track():
+    not_read: Any = "push.mcap"
+    with pytest.raises(PalpateError, match="load_recording"):
+        palpate.track(not_read)

@@ -497,6 +497,36 @@ def test_what_is_no_outline_is_said():
         load_shape("bad.dxf")
 
 
+@pytest.mark.parametrize("rule", [".a {display: none}", "rect.a{display:none}", "*{stroke-width:1} rect{display:none}"])
+def test_a_style_sheet_hides_what_is_drawn_before_and_after_it(rule):
+    page = 'width="100mm" viewBox="0 0 100 100"'
+    frame = '<rect class="a" width="95" height="95"/>'
+    for content in (f"<style>{rule}</style>{frame}", f"{frame}<style>/* g &gt; .a */ {rule}</style>"):
+        part = '<path d="M10 10h60v30h-60z"/>'
+        assert extent_of(load_shape(svg(content + part, page))) == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize(
+    "rule", ["g .a{display:none}", "@media print{rect{fill:none}}", "rect:nth-child(1) {opacity:0}"]
+)
+def test_a_style_sheet_that_is_not_understood_is_refused_where_it_matters(rule):
+    page = 'width="100mm" viewBox="0 0 100 100"'
+    with pytest.raises(FileError, match="style sheet"):
+        load_shape(svg(f'<style>{rule}</style><rect class="a" width="60" height="30"/>', page))
+    for harmless in ("g .a{font-size:3px}", ".a:hover{fill:none}"):
+        assert load_shape(svg(f'<style>{harmless}</style><rect class="a" width="60" height="30"/>', page))
+
+
+def test_what_would_make_an_outline_of_another_file_is_said():
+    for name, hint in (("part.step", "DXF"), ("mask.png", "trace"), ("part.dwg", "save it")):
+        Path(name).write_bytes(b"any")
+        with pytest.raises(FileError, match=hint):
+            load_shape(name)
+    corners = [(0, 0), (60, 40), (60, 0), (0, 40)]
+    with pytest.raises(FileError, match="crosses itself"):
+        load_shape(drawing(4, lambda space: space.add_lwpolyline(corners, close=True)))
+
+
 def test_without_the_libraries_for_drawings(monkeypatch):
     monkeypatch.setattr("palpate.io.outlines.find_spec", lambda _: None)
     svg("<rect/>")

@@ -3,6 +3,7 @@ import dataclasses
 import math
 import pickle
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import planar
@@ -22,7 +23,7 @@ from tracker_samples import (
     yaw_deviations,
 )
 
-from palpate import DIGIT, Frame, Measurement, NoiseSettings, Tracker, Turn
+from palpate import DIGIT, Frame, FrameError, Measurement, NoiseSettings, Tracker, Turn
 
 
 @pytest.mark.parametrize("radius", [0.0, RADIUS])
@@ -165,3 +166,25 @@ def test_a_copy_goes_on_as_the_tracker_does(copied):
     twin = copied(tracker)
     wanted = [tracker.update(frame) for frame in seen[30:]]
     same([twin.update(frame) for frame in seen[30:]], wanted)
+
+
+def test_two_threads_may_update_one_tracker():
+    """Frames that come too late are refused, and nothing else happens; each update is whole before the next begins."""
+    o, e, contact = in_two_contacts("rectangle", 40)
+    tracker = Tracker(SHAPES["rectangle"], DIGIT, o[0])
+    seen = frames(o, e, contact)
+    left = iter(seen)
+    taken: list[float] = []
+    late: list[FrameError] = []
+
+    def work() -> None:
+        for frame in left:
+            try:
+                taken.append(tracker.update(frame).time)
+            except FrameError as error:
+                late.append(error)
+
+    with ThreadPoolExecutor(2) as pool:
+        for task in [pool.submit(work), pool.submit(work)]:
+            task.result()
+    assert len(taken) + len(late) == len(seen) and max(taken) == tracker.frame.time

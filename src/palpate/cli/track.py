@@ -1,5 +1,6 @@
 """`palpate track`, `live` and `warm-up`: recordings tracked, a push as it happens, and compiled code."""
 
+import shlex
 import webbrowser
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -14,10 +15,14 @@ from palpate.cli.sources import Source
 from palpate.cli.track_files import Outcome, Outputs, Way, load_estimator, read_first_poses, track_file, track_files
 from palpate.errors import SettingError
 from palpate.files import new_file
+from palpate.hints import own_command
 from palpate.types.choices import Placement, TableChoices
 
 if TYPE_CHECKING:
     from palpate.live.sources import Sources
+
+MOST_DROPPED = 0.1
+"""Share of dropped images of a live session above which a note says why."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +247,14 @@ def live(
                 bar(session.counts["tracked"], f"{item.status} {item.reason} {words}")
 
         session.run(stop, listen, float("inf") if seconds is None else seconds)
-    return Report("live", session.summary(), notes=[f"recorded: {record}"] if record else ())
+    notes = [f"recorded: {record}"] if record else []
+    dropped = session.counts["dropped"]
+    if dropped > MOST_DROPPED * session.counts["images"]:
+        every = f"; {own_command()} track {shlex.quote(str(replay))} takes every image" if replay else ""
+        notes.append(
+            f"{dropped} images were dropped, as this machine takes longer for a step than there is time{every}"
+        )
+    return Report("live", session.summary(), notes=notes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,6 +127,8 @@ def outline_in(path: Path, drawing: Drawing, layer: str | None = None) -> Contou
     heads = _arrow_heads(contours, lines)
     contours = _joined_areas([contour for contour in contours if contour not in heads])
     outer = [contour for contour in contours if not _around(contour, contours)]
+    if len(outer) > 1 and len({outline.lines for outline in outer}) == 1:
+        raise ShapeError(f"the outline crosses itself and so has {len(outer)} areas, {_listed(outer)}: draw one alone")
     if len(outer) > 1:
         raise ShapeError(f"holds {len(outer)} outlines side by side, {_listed(outer)}; {_choice(layer)}")
     (outline,) = outer

@@ -22,6 +22,13 @@ _PIXEL = METRES["in"] / 96
 """Length of a pixel [m], as defined by CSS."""
 UNITS = {"mm": 1e-3, "cm": 1e-2, "in": METRES["in"], "pt": METRES["in"] / 72, "pc": METRES["in"] / 6, "q": 2.5e-4}
 """Lengths of the units of an SVG [m]."""
+_STYLE = re.compile(rb"(?s)<style\b[^>]*>.*?</style>")
+_RULE = re.compile(r"([^{}]+)\{([^{}]*)\}")
+"""Selectors and properties of a rule of a style sheet."""
+_SELECTOR = re.compile(r"\*|[\w-]+|[\w-]*\.[\w-]+|#[\w-]+")
+"""Selectors that svgelements knows: all, a kind, a class, a kind of a class, an id."""
+_SEEN = re.compile(r"\b(?<!-)(display|visibility|fill|stroke|opacity|transform|clip)[\w-]*\s*:")
+"""Properties that decide what is seen, and where."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 
 
@@ -39,6 +46,7 @@ def read_svg(path: Path, scale: float | None, unit_advice: str) -> Drawing:
             raise ShapeError("a symbol has a viewBox, which scales it and is not read: unlink its uses")
         if re.search(rb"\bmask\s*[:=]|\btransform-origin\s*[:=]", data):
             logger.warning("%s: masks and origins of transforms are not applied", path)
+        _check_styles(b"".join(_STYLE.findall(data)).decode(errors="replace"))
         page = svgelements.SVG.parse(io.BytesIO(_readable_svg(data)), ppi=METRES["in"] / _PIXEL)
         drawing = Drawing()
         _add_seen(drawing, page, page)
@@ -53,15 +61,31 @@ def read_svg(path: Path, scale: float | None, unit_advice: str) -> Drawing:
     return Drawing(lines, notes, drawing.unread)
 
 
+def _check_styles(sheets: str) -> None:
+    """Raise ShapeError where style sheets decide what is seen of elements that svgelements cannot find."""
+    for selectors, properties in _RULE.findall(re.sub(r"(?s)/\*.*?\*/|<!\[CDATA\[|\]\]>|<[^>]*>", "", sheets)):
+        for selector in map(str.strip, selectors.split(",")):
+            is_moment = re.search(":(hover|focus|active|:)", selector)
+            if not _SELECTOR.fullmatch(selector) and not is_moment and _SEEN.search(properties):
+                raise ShapeError(
+                    f"its style sheet has the selector {selector!r}, and allowed are a kind, a class or an id: save it "
+                    "as plain SVG, in which elements have their own styles"
+                )
+    if "@media" in sheets:
+        raise ShapeError("its style sheet has @media, so that it looks different elsewhere: save it as plain SVG")
+
+
 def _readable_svg(data: bytes) -> bytes:
     """Return an SVG changed such that svgelements reads from it what a browser shows."""
     # Masks, markers and foreign objects are not drawn where they are defined.
     data = re.sub(rb"(?s)<(mask|marker|foreignObject)\b[^>]*?(/>|>.*?</\1>)", b"", data)
-    # Clip paths are known only after their definition, so all of them go to the start.
-    clip_path = re.compile(rb"(?s)<clipPath\b.*?</clipPath>")
-    clip_paths = b"".join(clip_path.findall(data))
-    data = clip_path.sub(b"", data)
-    data = re.sub(rb"<svg\b[^>]*>", lambda start: start[0] + clip_paths, data, count=1)
+    # Clip paths and styles are known only after their definition, so all of them go to the start.
+    first = b""
+    for definition in (_STYLE, re.compile(rb"(?s)<clipPath\b.*?</clipPath>")):
+        first += b"".join(definition.findall(data))
+        data = definition.sub(b"", data)
+    first = re.sub(rb"\}", b";}", first)  # rules of one element are put together as they are
+    data = re.sub(rb"<svg\b[^>]*>", lambda start: start[0] + first, data, count=1)
     # Rectangles without x and y inherit those of a nested page, which is at its place already.
     for side in (b"x", b"y"):
         data = re.sub(rb"<rect\b(?![^>]*\s%s\s*=)" % side, b'<rect %s="0"' % side, data)

@@ -27,6 +27,14 @@ logger = logging.getLogger(__name__)
 TOLERANCE = 2e-5
 """[m] Largest deviation of an outline from a drawn curve, or from the corners of a table that has many."""
 ASK = "give the unit of its numbers, as unit='mm' (--shape-unit mm)"
+HINTS = {
+    **dict.fromkeys(
+        (".stl", ".step", ".stp", ".igs", ".iges", ".obj", ".3mf", ".ply", ".off"), "save its outline from above"
+    ),
+    **dict.fromkeys((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"), "trace it, as Inkscape does, and save that"),
+    **dict.fromkeys((".dwg", ".pdf", ".eps", ".ai", ".sldprt", ".f3d", ".fcstd"), "save it"),
+}
+"""What makes a drawing, in DXF or SVG, of files of other suffixes."""
 DRAWINGS = {".svg": "svgelements", ".svgz": "svgelements", ".dxf": "ezdxf"}
 """The library that reads the drawings of a suffix."""
 
@@ -111,7 +119,8 @@ def _read_file(path: Path, scale: float | None, layer: str | None) -> tuple[Shap
     if suffix in DRAWINGS:
         return _read_drawing(existing_file(path), scale, layer)
     if suffix and suffix not in readers:
-        raise FileError(f"is no outline; allowed are files named {', '.join([*DRAWINGS, *readers])}")
+        hint = f": {HINTS[suffix]} as DXF or SVG" if suffix in HINTS else ""
+        raise FileError(f"is no outline; allowed are files named {', '.join([*DRAWINGS, *readers])}{hint}")
     read = readers.get(suffix, _read_table)
     return read(existing_file(path), scale), ""
 

@@ -82,6 +82,12 @@ def track(
     called with the run up to there.
     """
     begin = time.perf_counter()
+    if not isinstance(recording, Recording):
+        kind = type(recording).__name__
+        raise SettingError(
+            f"found a {kind} to track, expected a Recording; load_recording reads one from a file, and read_bag has "
+            "one as its .recording"
+        )
     total = len(recording)
     settings = settings or TrackerSettings()
     first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)

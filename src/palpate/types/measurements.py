@@ -185,7 +185,7 @@ def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
     """Return a copy of a value as an array of a shape, or None if it is not finite numbers of that shape."""
     try:
         array = given if type(given) is np.ndarray else as_array("numbers", given)
-        if array.dtype.kind in "SU":  # NumPy would convert texts of digits
+        if array.dtype.kind not in "fiuO":  # NumPy would convert texts of digits, flags, and half of complex numbers
             return None
         numbers = np.array(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError, FileError):

@@ -5,7 +5,7 @@ of that frame, poses in the plane have the x and y of the frame.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -242,12 +242,17 @@ def gel_pose(pose: ArrayLike, sensor_T_gel: ArrayLike | None = None, plane: Arra
     return GelPoses(Placement(sensor_T_gel=sensor_T_gel, plane=plane))(pose)  # pyright: ignore[reportArgumentType]
 
 
+COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+"""Names of columns of poses, in their order."""
+
+
 def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
     """Return poses as positions and quaternions x, y, z, w (N, 7); rows that hold NaN become NaN.
 
     They may be (N, 3), x, y, theta; (N, 7); or matrices (N, 4, 4). A few that are no pose, such as a matrix of zeros,
     become NaN with a warning. Raises FileError for anything else.
     """
+    _check_columns(name, getattr(poses, "columns", ()))
     given = checks.as_array(name, poses)
     given = checks.checked_array(name, given, checks.NUMBERS, given.shape).astype(np.float64)
     if given.shape[1:] not in ((3,), (7,), (4, 4)):
@@ -264,6 +269,16 @@ def pose_numbers(name: str, poses: ArrayLike | Sequence[ArrayLike]) -> Array:
     else:
         numbers[is_known] = _numbers_of_matrices(name, given[is_known])
     return numbers
+
+
+def _check_columns(name: str, columns: Iterable[object]) -> None:
+    """Raise FileError if the columns of a table of pandas have names of a pose in another order, or in another unit."""
+    found = [str(column).lower() for column in columns]
+    known = [column for column in COLUMNS if column in found]
+    is_other_unit = any(column.endswith(("deg", "mm")) for column in found)
+    if known and (known != found[: len(known)] or is_other_unit):
+        allowed = "x, y, theta or x, y, z, qx, qy, qz, qw in this order, in metres and radians"
+        raise FileError(f"{name}: found the columns {', '.join(found)}; expected {allowed}")
 
 
 def _numbers_of_planar(name: str, poses: Array) -> Array:
