@@ -78,7 +78,7 @@ def _clock() -> Clock:
 
 
 def _view(sensor: SensorProfile, placement: Placement) -> CameraView:
-    """Return how the images of a sensor lie."""
+    """Return the way in which the images of a sensor lie."""
     return camera_view(placement.orientation or sensor.orientation)
 
 

@@ -100,7 +100,7 @@ def place_on_unit(
 
 
 def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, float] | None:
-    """Return where along y the imprint in a difference (ROWS, COLUMNS, 3) has its middle, and its variance [m], [m^2].
+    """Return the middle along y of the imprint in a difference (ROWS, COLUMNS, 3), and its variance [m], [m^2].
 
     None if it is not antisymmetric or not whole, so that a network is needed.
     """
@@ -144,7 +144,7 @@ def middle_of(difference: Difference) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Extent:
-    """Where in an image the imprint is, and how far it reaches, by its squared change of light."""
+    """Place and size of an imprint in an image, by its squared change of light."""
 
     centre: float
     """Along y from the middle of the image [m]."""
@@ -158,12 +158,12 @@ class Extent:
     """Width of gel that the image shows [m]."""
 
     def reach(self, middle: float) -> float:
-        """Return how far it is from a middle [m] to the image's border, in widths of the imprint."""
+        """Return the distance of a middle [m] from the image's border, in widths of the imprint."""
         return (0.5 * self.shown - abs(middle)) / max(self.width, 1e-9)
 
 
 def extent_of(difference: Difference, sensor: SensorProfile) -> Extent:
-    """Return where the imprint in a difference (ROWS, COLUMNS, 3) is; all is 0 of an image without a change."""
+    """Return place and size of the imprint in a difference (ROWS, COLUMNS, 3); all 0 where the image did not change."""
     pitch = sensor.pixel_pitch or 0.0
     shown = pitch * sensor.image_width
     change = np.square(difference).sum(axis=2)
