@@ -21,7 +21,7 @@ from palpate.pipeline.metrics import flag_runs, translation_errors
 from palpate.pipeline.track import gathered, track
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.pipeline import TouchReader
-from palpate.tracker_arguments import noise_of_unit
+from palpate.tracker_arguments import Unit, noise_of_unit
 from palpate.types.measurements import Measurement
 from palpate_lab.simulate.recordings import COUNT, Simulation, plan
 
@@ -85,8 +85,7 @@ class SeenTouch:
 
 def told(recording: Recording, run: Run) -> Run:
     """Track a recording whose contact is told in each frame; the rest is as in this run."""
-    pitch_sigma = recording.sensor.pixel_pitch_sigma
-    noise = noise_of_unit(NoiseSettings(), None, pitch_sigma, recording.set_up_sigma)
+    noise = noise_of_unit(NoiseSettings(), Unit(recording.sensor), recording.set_up_sigma)
     given = {"first_pose_sigma": run.first_pose_sigma, "is_view_known": True, "touch": SeenTouch(recording)}
     tracker = Tracker(recording.shape, recording.sensor, run.first_pose, TrackerSettings(noise=noise), **given)
     estimates = [tracker.update(frame) for frame in replace(recording, image=None)]
