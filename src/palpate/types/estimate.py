@@ -85,8 +85,8 @@ class Estimate:
     """Contact point on the outline, (2,) [m], world frame, by the best answer; None between contacts. For a wide pad or
     several tips it is the middle of the loaded part."""
     contact_normal: Array | None = None
-    """Outward normal of the outline there, (2,), world frame; None between contacts, and of fingers that press the object
-    between them."""
+    """Outward normal of the outline there, (2,), world frame; None between contacts, and of fingers that press the
+    object between them."""
     innovations: Array | None = None
     """Innovations of the factors `palpate.models.pushing.layout.NAMES`, by the best answer, (F, 6, 3): for each row
     difference of measured and predicted before it was fused, variance of the prediction, and stated one, which is 0
