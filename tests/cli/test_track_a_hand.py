@@ -72,6 +72,15 @@ def test_calibrations_are_by_finger_and_those_that_are_exchanged_are_named(hand_
     assert not (tmp_path / "other").exists()
 
 
+def test_a_tracker_refuses_images_that_do_not_fit_the_calibration_of_their_finger(hand_file):
+    recording = palpate.load_recording(hand_file)
+    assert recording.hand is not None
+    left, right = (palpate.load_calibration(hand_file.parent / f"{name}.npz") for name in ("left", "right"))
+    exchanged = palpate.Tracker(recording.shape, recording.hand, None, calibration={"left": right, "right": left})
+    with pytest.raises(palpate.FrameError, match=r"finger left is left out: .*right\.npz"):
+        exchanged.update(recording[0])
+
+
 def test_info_says_what_the_hand_is(hand_file, json_of):
     found = json_of("info", hand_file)
     assert found["mounts"]["left"][1] == -found["mounts"]["right"][1] > 0.0

@@ -162,12 +162,25 @@ def test_images_that_come_late_are_named():
     frames = []
     for k in range(12):
         stamps = {"left": k / 30.0 - 0.2, "right": k / 30.0}
-        images = {"left": gel + k % 2, "right": gel + k % 2}
+        images = {"left": gel + k % 2, "right": gel[::-1] + k % 2}
         frames.append(Frame(k / 30.0, np.array([-0.2, 0.0, 0.0]), images=images, image_times=stamps))
     reason = updated(tracker, frames)[-1].reason
     assert "left" in reason
     assert "200 ms" in reason
     assert "right" not in reason
+
+
+def test_one_camera_for_two_fingers_is_named():
+    gel = np.random.default_rng(1).integers(90, 110, (320, 240, 3)).astype(np.uint8)
+    tracker = Tracker(BOX, {"left": DIGIT, "right": DIGIT}, np.zeros(3), mounts=MOUNTS)
+    last = updated(
+        tracker,
+        [
+            Frame(k / 30.0, np.array([-0.2, 0.0, 0.0]), images={"left": gel + k % 2, "right": gel + k % 2})
+            for k in range(3)
+        ],
+    )[-1]
+    assert "left" in last.reason and "right" in last.reason and "the same" in last.reason
 
 
 def test_a_rough_start_keeps_its_likely_places_with_fingers_as_stated_and_exchanged():

@@ -6,11 +6,12 @@ A finger that gives nothing for a while, or images that cannot be used, is left 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Protocol
 
 import numpy as np
 
-from palpate.arrays import Array, Flags
+from palpate.arrays import Array, Flags, Image
 from palpate.errors import FrameError
 from palpate.geometry import se2
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
@@ -113,6 +114,15 @@ def _holds(hand: Hand, name: str) -> bool:
     return min(math.cos(yaw - hand.mounts[name][2]) for yaw in yaws) < 0.0
 
 
+def _same_images(images: Mapping[str, Image]) -> list[str]:
+    """Return a reason for each two fingers whose images are the same, which those of two cameras never are."""
+    return [
+        f"images of fingers {one} and {other} are the same to the last pixel: have both one camera or topic?"
+        for one, other in combinations(images, 2)
+        if np.array_equal(images[one], images[other])
+    ]
+
+
 class HandGate:
     """Checks the frames of a hand: `check` returns one as it can be used, `accept` makes it the last one."""
 
@@ -154,7 +164,7 @@ class HandGate:
     def check(self, frame: Frame, measurements: Sequence[Measurement], predicted: PredictedFingers) -> CheckedHand:
         """Return a frame as it can be used, and what was found; raises FrameError if it cannot."""
         given = with_checked_hand_values(frame, measurements, self.hand)
-        reasons: list[str] = []
+        reasons = _same_images(given.images or {})
         self._queue(given, reasons)
         time, hand_pose, motion = self._at_images(given)
         mounts = self._mounts(given)
