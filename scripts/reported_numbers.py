@@ -533,6 +533,54 @@ TABLES: dict[str, Table] = {
             "cost",
         ),
     ),
+    "outline-batch": Table(
+        {
+            "outline": "{name}",
+            "explorations": "{explorations}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "in 95 %": "{in_95:.0%}",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "known": "known, the tracker",
+                "whole": "unknown, as a whole",
+                "from_truth": "the same, started at the true path",
+                "by_contact": "unknown, contact by contact, five of them",
+                "whole_5": "as a whole, the same five",
+                "form": "form known to a fifth of the prior, the same five",
+                "first_known": "known, first contact alone",
+                "first_batch": "unknown, first contact alone",
+            },
+            "batch",
+        ),
+    ),
+    "outline-batch-runs": Table(
+        {
+            "exploration": "{name}",
+            "cost of the estimate": "{cost:.1f}",
+            "from the true path": "{from_truth:.1f}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "error from the true path": "{truth_mm:.1f} mm, {truth_deg:.1f}°",
+            "error with the known outline": "{known_mm:.1f} mm, {known_deg:.1f}°",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "triangle": "triangle",
+                "t": "T",
+                "hexagon": "hexagon",
+                "rounded_square": "rounded square",
+                "butterfly": "butterfly",
+                "triangle_2": "triangle, second",
+                "t_2": "T, second",
+                "hexagon_2": "hexagon, second",
+                "rounded_square_2": "rounded square, second",
+                "butterfly_2": "butterfly, second",
+            },
+            "batch_runs",
+        ),
+    ),
     "two-fingers": Table(
         {
             "touch": "{name}",
