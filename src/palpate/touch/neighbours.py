@@ -138,7 +138,8 @@ def spots_of(mask: Flags) -> Spots:
     spot_of = np.zeros((rows + 1, columns + 2), np.int32)  # with room above and beside, so that there is no border
     area = np.zeros(1 + count, np.int64)
     bounds = np.empty((1 + count, 4), np.int64)
-    spots = 1 + _put_spots(mask, spot_of, np.empty(1 + count, np.int64), bounds, area)
+    room = np.empty(1 + count, np.int64)
+    spots = 1 + _put_spots(np.ascontiguousarray(mask), spot_of, room, bounds, area)
     bounds[0] = (1, 1, 0, 0)
     area[0] = mask.size - count
     return Spots(spot_of[1:, 1:-1], area[:spots], bounds[:spots, 2:] - bounds[:spots, :2] + 1)
