@@ -394,6 +394,22 @@ TABLES: dict[str, Table] = {
         tails,
     ),
     "speed": Table({"": "{name}", "before": "{old:.2f}", "now": "{new:.2f}", "ratio": "{ratio:.2f}"}, speed),
+    "recent_steps": Table(
+        {
+            "recordings": "{recordings} {name}",
+            "RMSE before, now": "{rmse_mm[before]:.2f}, {rmse_mm[now]:.2f} mm",
+            "of each, paired": "{rmse_mm[difference]:+.2f} ± {rmse_mm[standard_error]:.2f} mm",
+            "in 95 %, in contact": "{inside[before]:.1f}, {inside[now]:.1f} %",
+            "of each, paired ": "{inside[difference]:+.2f} ± {inside[standard_error]:.2f} %",
+            "`ambiguous`": "{ambiguous[before]:.1f}, {ambiguous[now]:.1f} %",
+            "silently wrong": "{silent[before]:.1f}, {silent[now]:.1f} %",
+        },
+        of_json(
+            "docs/study/recent_steps.json",
+            {"setup": "with errors of the set-up", "knocked": "shoved"},
+            "fresh",
+        ),
+    ),
     "rim": Table(
         {
             "contact": "{name}",

@@ -79,7 +79,7 @@ def cells_of(image: Image | Levels) -> Levels:
     return area_means(image, round(height / pixels), round(width / pixels))
 
 
-def wide_cells_of(image: Image) -> Levels:
+def wide_cells_of(image: Image | Levels) -> Levels:
     """Return the cells of an image (height, width, 3) without details thinner than half a cell, such as scratches.
 
     Images of so few pixels that a third of a cell has less than one are not filtered.

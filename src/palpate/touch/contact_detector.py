@@ -143,6 +143,8 @@ class ContactDetector:
             self._untouched_images += 1
             if self._untouched_images % BACKGROUND_EVERY == 0:
                 self._follow(image, cells)
+            if self._wide_cells is None or self._untouched_images % BACKGROUND_MEMORY == 0:
+                self._make_wide_cells()
         return self._touched
 
     def forget(self) -> None:
@@ -167,7 +169,7 @@ class ContactDetector:
         """Set the background, as a copy that is followed in place, and what images are compared with."""
         self.background = background.copy()
         self._untouched_cells = cells_of(background.mean)
-        self._wide_cells: Levels | None = None  # computed when they are first needed
+        self._wide_cells: Levels | None = None  # made when they are first needed
         self._shares_last_filtered: tuple[float, float] | None = None
         self._is_grey = is_grey(background.mean)
         deviation = np.maximum(background.noise, np.float32(CONTACT_DETECTION.least_deviation))
@@ -179,7 +181,6 @@ class ContactDetector:
         part = BACKGROUND_EVERY / BACKGROUND_MEMORY
         self.background = self.background.follow(image, part)
         self._untouched_cells += np.float32(part) * (cells - self._untouched_cells)
-        self._wide_cells = None
         self._shares_last_filtered = None
 
     def _takes_marks(self, image: Image) -> bool:
@@ -208,15 +209,18 @@ class ContactDetector:
 
     def _share_of_wide_details(self, image: Image, share: float, light: Light) -> float:
         """Return the share without details as thin as scratches, computed anew only if the whole share has changed."""
-        if self._wide_cells is None:  # most frames do without
-            assert self.background is not None
-            self._wide_cells = wide_cells_of(np.rint(self.background.mean).astype(np.uint8))
         last = self._shares_last_filtered
         if last is None or abs(share - last[0]) > 0.1 * share:  # a touch adds more
-            wide_cells = wide_cells_of(image)
-            last = (share, compare(wide_cells, self._wide_cells, self._tolerance, light)[0])
+            untouched = self._make_wide_cells() if self._wide_cells is None else self._wide_cells
+            last = (share, compare(wide_cells_of(image), untouched, self._tolerance, light)[0])
             self._shares_last_filtered = last
         return last[1]
+
+    def _make_wide_cells(self) -> Levels:
+        """Make the cells of the untouched gel without thin details, in a frame with little else to do if possible."""
+        assert self.background is not None
+        self._wide_cells = wide_cells_of(self.background.mean)
+        return self._wide_cells
 
     def _check_gel(self, image: Image, cells: Levels, share: float) -> None:
         """Raise SettingError if an image shows no gel or, if it is the first, lies in another view."""

@@ -133,65 +133,84 @@ class Spots:
 
 def spots_of(mask: Flags) -> Spots:
     """Return the connected spots of a mask (height, width)."""
+    rows, columns = mask.shape
     count = np.count_nonzero(mask)
-    spot_of = _WITHOUT_SPOT * mask
+    spot_of = np.zeros((rows + 1, columns + 2), np.int32)  # with room above and beside, so that there is no border
+    area = np.zeros(1 + count, np.int64)
     bounds = np.empty((1 + count, 4), np.int64)
-    area = np.empty(1 + count, np.int64)
-    spots = 1 + _fill_spots(spot_of, np.empty((count, 2), np.int64), bounds, area)
+    room = np.empty(1 + count, np.int64)
+    spots = 1 + _put_spots(np.ascontiguousarray(mask), spot_of, room, bounds, area)
     bounds[0] = (1, 1, 0, 0)
     area[0] = mask.size - count
-    return Spots(spot_of, area[:spots], bounds[:spots, 2:] - bounds[:spots, :2] + 1)
+    return Spots(spot_of[1:, 1:-1], area[:spots], bounds[:spots, 2:] - bounds[:spots, :2] + 1)
 
 
-_WITHOUT_SPOT = np.int32(-1)  # index of pixels that are set and not yet in a spot
-_PAIRS = np.zeros((1, 1), np.int64)
+_INTEGERS = np.zeros(1, np.int64)
 
 
-@compiled(np.zeros((1, 1), np.int32), _PAIRS, _PAIRS, np.zeros(1, np.int64))
-def _fill_spots(spot_of: NDArray[np.int32], waiting: Integers, bounds: Integers, area: Integers) -> int:
+@compiled(np.zeros((1, 1), np.bool_), np.zeros((1, 1), np.int32), _INTEGERS, np.zeros((1, 1), np.int64), _INTEGERS)
+def _put_spots(mask: Flags, spot_of: NDArray[np.int32], same_as: Integers, bounds: Integers, area: Integers) -> int:
     """Set the index of each spot's pixels, from 1 on, with what it covers, and return the number of spots.
 
-    Of N pixels, `bounds` (1 + N, 4) are first row and column of each spot and the last ones, `area` (1 + N,) its
-    pixels. `waiting` (N, 2) is room for pixels whose neighbours are not yet looked at.
+    `spot_of` (1 + height, width + 2) lies one pixel lower and farther right than the mask. Of N pixels, `bounds` (1 +
+    N, 4) are first row and column of each spot and the last ones, `area` (1 + N,) its pixels; `same_as` (1 + N,) is
+    room: parts of a spot get numbers of their own, each of which is the same as a lower one if they meet.
     """
-    rows, columns = spot_of.shape
-    count = 0
+    rows, columns = mask.shape
+    parts = _put_parts(mask, spot_of, same_as)
+    spots = 0
+    for part in range(1, parts + 1):  # from here on `same_as` is the index of the spot
+        is_first = same_as[part] == part
+        spots += is_first
+        same_as[part] = spots if is_first else same_as[same_as[part]]
     for row in range(rows):
         for column in range(columns):
-            if spot_of[row, column] == _WITHOUT_SPOT:
+            if mask[row, column]:
+                spot = same_as[spot_of[row + 1, column + 1]]
+                spot_of[row + 1, column + 1] = spot
+                of_spot = bounds[spot]
+                if area[spot] == 0:
+                    of_spot[0] = row
+                    of_spot[1] = column
+                    of_spot[3] = column
+                area[spot] += 1
+                of_spot[1] = min(of_spot[1], column)
+                of_spot[2] = row
+                of_spot[3] = max(of_spot[3], column)
+    return spots
+
+
+@kernel
+def _put_parts(mask: Flags, part_of: NDArray[np.int32], same_as: Integers) -> int:
+    """Set the part of each pixel by those above and to the left, and which parts meet; return the number of parts."""
+    rows, columns = mask.shape
+    count = 0
+    for row in range(rows):
+        above = part_of[row]
+        now = part_of[row + 1]
+        for column in range(columns):
+            if not mask[row, column]:
+                continue
+            part = above[column + 1]  # which the pixels beside it belong to as well
+            if part == 0:
+                part = max(now[column], above[column])  # the same if both are set
+                right = above[column + 2]
+                if part > 0 and right > 0:
+                    _join(same_as, part, right)
+                part = max(part, right)
+            if part == 0:
                 count += 1
-                waiting[0, 0] = row
-                waiting[0, 1] = column
-                area[count] = _fill_spot(spot_of, count, waiting, bounds[count])
+                same_as[count] = count
+                part = count
+            now[column + 1] = part
     return count
 
 
 @kernel
-def _fill_spot(spot_of: NDArray[np.int32], index: int, waiting: Integers, bounds: Integers) -> int:
-    """Set the index of the pixels of the spot with the first pixel in waiting, and its bounds; return its area."""
-    rows, columns = spot_of.shape
-    top = bottom = waiting[0, 0]
-    first = last = waiting[0, 1]
-    spot_of[top, first] = index
-    left = 1
-    area = 0
-    while left:
-        left -= 1
-        area += 1
-        row = waiting[left, 0]
-        column = waiting[left, 1]
-        bottom = max(bottom, row)
-        first = min(first, column)
-        last = max(last, column)
-        for y in range(max(row - 1, 0), min(row + 2, rows)):
-            for x in range(max(column - 1, 0), min(column + 2, columns)):
-                if spot_of[y, x] == _WITHOUT_SPOT:
-                    spot_of[y, x] = index
-                    waiting[left, 0] = y
-                    waiting[left, 1] = x
-                    left += 1
-    bounds[0] = top
-    bounds[1] = first
-    bounds[2] = bottom
-    bounds[3] = last
-    return area
+def _join(same_as: Integers, part: int, other: int) -> None:
+    """Let two parts be of one spot."""
+    while same_as[part] != part:
+        part = same_as[part]
+    while same_as[other] != other:
+        other = same_as[other]
+    same_as[max(part, other)] = min(part, other)
