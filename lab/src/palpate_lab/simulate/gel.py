@@ -262,8 +262,8 @@ def _shadows(unit: SensorUnit, height: Image) -> Image:
     shadow = np.zeros((len(unit.light), *coarse.shape), np.float32)
     _write_shadows(padded, margin, away * (1.0 / pitch, -1.0 / pitch, 1.0), unit.shadow, shadow)
     whole = np.empty((len(shadow), *height.shape), np.float32)
-    for light, small in enumerate(shadow):
-        whole[light] = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
+    for k in range(len(shadow)):
+        cv2.resize(shadow[k], size, whole[k], interpolation=cv2.INTER_LINEAR)
     return whole
 
 
