@@ -352,9 +352,10 @@ def _fit_places_in_view(
     place = presses.place - presses.place.mean()  # so that places from far away lose no digits
     prior_sigmas = (1.0, math.hypot(_LIMITS.scale_sigma, unit.pixel_pitch_sigma))
     given = _PLACES.given_place_sigma**2
-    (offset, scale), _, _ = _fitted_line(place, measured, variance + given, prior_sigmas)
+    # Views are compared by one noise: with a scatter of its own, a wrong one would seem likely as well.
+    (offset, scale), _, log_likelihood = _fitted_line(place, measured, variance + given, prior_sigmas)
     spread = _spread_of_middles(measured - offset - scale * place, variance)
-    (offset, scale), sigmas, log_likelihood = _fitted_line(place, measured, spread * variance + given, prior_sigmas)
+    (offset, scale), sigmas, _ = _fitted_line(place, measured, spread * variance + given, prior_sigmas)
     scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * place))))
     assert unit.pixel_pitch is not None
     scale = float(np.clip(scale, 0.01, 10.0))  # beyond that units are wrong, which `mismatch` says
