@@ -2,6 +2,7 @@
 
     python scripts/measure_units.py [SEED] [--taxim FOLDER] [--kinds flat domes]    # kinds not named stay as they are
     python scripts/measure_units.py [SEED] --pushes    # docs/study/unit_pushes.json
+    python scripts/measure_units.py [SEED] --set-up    # docs/study/unit_set_up.json
 
 24 drawn units, half of them GelSight Minis and half DIGITs, differ from the usual ones in lights, pitch, radius, dots,
 dirt and camera (`palpate_lab.simulate.any_unit`). Each is read as it is, and after `palpate calibrate --presses` on 3,
@@ -45,17 +46,15 @@ COUNTS = (0, 3, 5, 10)
 UNITS = 24
 PROFILES = {"flat": GELSIGHT_MINI, "domes": DIGIT}
 """Profiles of drawn units, in turn."""
-EXACT = "plain, set up exactly"
 KINDS = {
     "plain": Faults(),
-    EXACT: Faults(),
     "half the view": Faults(pitch=0.64),
     "dots": Faults(has_dots=True),
     "dead LED": Faults(has_dead_light=True),
     "turned": Faults(view=CameraView(2)),
     "mirrored": Faults(view=CameraView(0, True)),
 }
-"""Kinds of DIGITs that push objects; half the view is half the pad. All but EXACT have the errors of a set-up."""
+"""Kinds of DIGITs that push objects; half the view is half the pad."""
 PUSHES = 12
 SECONDS = 15.0
 """Length of a recording of pushes [s]."""
@@ -102,18 +101,25 @@ def main(seed: int, taxim: Path | None, kinds: list[str]) -> None:
 
 
 def add_pushes(seed: int) -> None:
-    """Measure pushes and write them, each kind once it is done."""
+    """Measure pushes by units with one fault each and write them, each kind once it is done."""
     found: dict[str, Any] = {"seed": seed, "seconds": SECONDS, "kinds": {}}
-    for kind in KINDS:
-        found["kinds"][kind] = pushes_of(kind, seed)
+    for kind, faults in KINDS.items():
+        found["kinds"][kind] = pushes_of(faults, seed)
         write("unit_pushes", found)
 
 
-def pushes_of(kind: str, seed: int) -> dict[str, Any]:
+def add_set_up(seed: int) -> None:
+    """Measure pushes by units without a fault, with the errors of a set-up and set up exactly, and write them."""
+    found: dict[str, Any] = {"seed": seed, "seconds": SECONDS, "kinds": {}}
+    for kind, ideal in {"errors": False, "exact": True}.items():
+        found["kinds"][kind] = pushes_of(KINDS["plain"], seed, ideal)
+        write("unit_set_up", found)
+
+
+def pushes_of(faults: Faults, seed: int, ideal: bool = False) -> dict[str, Any]:
     """Return the scores of pushes of objects with DIGITs of one kind, each calibrated on five presses."""
-    faults = KINDS[kind]
     count = -(-PUSHES // len(SHAPES))
-    drawn = plan(SHAPES, count, seed, seconds=SECONDS, faults=faults, ideal=kind == EXACT)
+    drawn = plan(SHAPES, count, seed, seconds=SECONDS, faults=faults, ideal=ideal)
     plans = list(drawn.values())[:PUSHES]
     found = [pushed(replace(each, unit=seed + number), faults) for number, each in enumerate(plans)]
     tracked = [each for each in found if "refused" not in each]
@@ -386,8 +392,11 @@ if __name__ == "__main__":
     parser.add_argument("--taxim", type=Path)
     parser.add_argument("--kinds", nargs="+", choices=list(PROFILES), default=list(PROFILES))
     parser.add_argument("--pushes", action="store_true")
+    parser.add_argument("--set-up", action="store_true")
     arguments = parser.parse_args()
     if arguments.pushes:
         add_pushes(arguments.seed)
+    elif arguments.set_up:
+        add_set_up(arguments.seed)
     else:
         main(arguments.seed, arguments.taxim, arguments.kinds)

@@ -319,6 +319,14 @@ def paper_without_images() -> list[Row]:
     return loaded("docs/study/paper_pushes.json")["tracked"]
 
 
+OF_PUSHES = {
+    "pushes": "{pushes}",
+    "within 3 mm at the end": "{within_3_mm}",
+    "final error, median (worst)": "{final_mm_median:.1f} mm ({final_mm_worst:.0f})",
+    "in 95 %: contact, end": "{in_95_contact:.0%}, {in_95_final:.0%}",
+    "silently wrong": "{silent:.1%}",
+}
+
 TABLES: dict[str, Table] = {
     "install": Table(
         {"packages": "{packages}", "size": "{megabytes:.0f} MB", "purpose": "{purpose}"},
@@ -701,25 +709,25 @@ TABLES: dict[str, Table] = {
         ),
     ),
     "unit-pushes": Table(
-        {
-            "DIGITs": "{name}",
-            "pushes": "{pushes}",
-            "within 3 mm at the end": "{within_3_mm}",
-            "final error, median (worst)": "{final_mm_median:.1f} mm ({final_mm_worst:.0f})",
-            "in 95 %: contact, end": "{in_95_contact:.0%}, {in_95_final:.0%}",
-            "silently wrong": "{silent:.1%}",
-        },
+        {"DIGITs": "{name}", **OF_PUSHES},
         of_json(
             "docs/study/unit_pushes.json",
             {
                 "plain": "without a fault",
-                "plain, set up exactly": "without a fault, set up exactly",
                 "dead LED": "with a dead LED",
                 "dots": "with dots",
                 "half the view": "whose images show half of the pad",
                 "turned": "with images turned by 180 degrees",
                 "mirrored": "with mirrored images",
             },
+            "kinds",
+        ),
+    ),
+    "unit-set-up": Table(
+        {"set-up": "{name}", **OF_PUSHES},
+        of_json(
+            "docs/study/unit_set_up.json",
+            {"errors": "with the errors of a real one", "exact": "exact"},
             "kinds",
         ),
     ),

@@ -105,10 +105,25 @@ def test_places_are_less_sure_the_wider_the_imprint_and_the_farther_from_what_is
     calibrate = ("calibrate", "--untouched", "still.png", *MINI, "--presses", table(PLACES), "--out", "unit.npz")
     json_of(*calibrate)
     save("new.png", ball(pad, -4.0, -1.0))
-    ball_told, side_told = json_of("read", "new.png", "disc.png", "--calibration", "unit.npz", *MINI)
-    # Presses say where this unit shows a ball, and nothing of a side that covers the pad.
+    corner = np.hypot(0.03, 0.03)  # [m] from the middle of the square, which its corner leads
+    save("corner.png", render(pad, palpate.Rectangle(0.06, 0.06), (corner, 0.0, 0.75 * np.pi), 8e-4))
+    names = ("new.png", "corner.png", "disc.png")
+    ball_told, corner_told, side_told = json_of("read", *names, "--calibration", "unit.npz", *MINI)
+    # Presses say where this unit shows a ball, little of a corner, and nothing of a side that covers the pad.
     assert ball_told["place_sigma_mm"] < 0.2
+    assert corner_told["place_sigma_mm"] > ball_told["place_sigma_mm"]
     assert side_told["place_sigma_mm"] > 1.0
+
+
+def test_many_presses_make_single_ones_no_surer_than_they_are(pad, json_of):
+    places = np.linspace(-6.5, 6.5, 10)
+    for y in places:
+        save(f"{y:.2f}.png", ball(pad, y))
+    # Given to a tenth of a millimetre, so that presses say nothing of smaller errors of middles.
+    rows = "".join(f"{y:.2f}.png,{y:.1f}\n" for y in places)
+    Path("ten.csv").write_text("file,place_mm\n" + rows)
+    json_of("calibrate", "--untouched", "still.png", *MINI, "--presses", "ten.csv", "--out", "ten.npz")
+    assert json_of("info", "ten.npz")["place_spread"] > 0.45
 
 
 def test_presses_tell_the_scale_of_a_pad_of_another_size(folder, json_of):

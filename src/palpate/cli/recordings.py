@@ -308,7 +308,6 @@ def calibrate(
     from palpate.pipeline.push_calibration import first_images
     from palpate.touch.background import background_of
     from palpate.touch.calibration import write_calibration
-    from palpate.touch.touch_model import shipped_model
     from palpate.types.sensor_file import write_sensor
 
     if "=" in str(out):
@@ -324,10 +323,10 @@ def calibrate(
         profile = first_guess(new_sensor.stem, gel, untouched[0], orientation)
     elif gel is not None:
         raise SettingError(f"--gel {gel} is of a new sensor; give --new-sensor SENSOR.toml, too")
-    look = partial(image_of, profile, orientation, bool(presses) and model is None)
+    reader = _reader_of(profile, model, presses, pushes)
+    look = partial(image_of, profile, orientation, bool(presses) and reader is not None and model is None)
     still = [look(path) for path in untouched] or list(first_images(recorded[0]))
     check_still(still, untouched or repeat(file or pushes[0]))
-    reader: Any = palpate.TouchModel(model) if model else (presses or pushes) and shipped_model(profile.name)
     numbers: dict[str, Any] = {"file": file and str(file), "out": str(out), "untouched": len(still)}
     notes: list[str] = []
     with in_file(file or (*untouched, *pushes)[0]):
@@ -463,6 +462,16 @@ def _by_ruler(
         raise SettingError(f"--ruler: found {' '.join(words)!r}; expected words such as 8mm caliper.png")
     with in_file(words[1]):
         return with_ruler(calibration, look(Path(words[1])), 1e-3 * millimetres[0], profile)
+
+
+def _reader_of(profile: Any, model: Path | None, presses: Path | None, pushes: Sequence[Path]) -> Any:
+    """Return the touch model that reads presses and pushes; None where middles of imprints on a flat pad do."""
+    from palpate.touch.touch_model import SHIPPED_OF, shipped_model
+
+    if model:
+        return palpate.TouchModel(model)
+    is_needed = pushes or (presses and not profile.flat_width)
+    return shipped_model(profile.name) if is_needed or profile.name in SHIPPED_OF else None
 
 
 def _by_presses(

@@ -24,7 +24,7 @@ from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.imprint_middle import place_on_unit
 from palpate.touch.markers import check_markers, find_markers, without_markers
 from palpate.touch.pipeline import angle_factor
-from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, reduced
+from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, no_shipped_model, reduced
 from palpate.types.images import CameraView, read_image
 from palpate.types.sensor import SensorProfile
 
@@ -215,13 +215,18 @@ class _ViewFit:
 
 
 def learn_from_presses(
-    presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel, seek_markers: bool = True
+    presses: Presses,
+    calibration: Calibration,
+    sensor: SensorProfile,
+    model: TouchModel | None,
+    seek_markers: bool = True,
 ) -> tuple[Calibration, float]:
     """Return a calibration with the view and errors that presses show, and the scatter of directions [rad].
 
     On a flat pad at given places it is the scatter of places [m]. All images, also of the untouched gel, are as the
-    camera gives them, in the profile's size. Raises FileError if presses are too few, too close together, show no touch
-    or lie on no line. Presses in order need a round gel.
+    camera gives them, in the profile's size. Whole imprints at given places on a flat pad need no model. Raises
+    FileError if presses are too few, too close together, show no touch or lie on no line. Presses in order need a round
+    gel.
     """
     if len(presses.images) < FEWEST:
         raise FileError(f"found {len(presses.images)} presses; at least {FEWEST} are needed")
@@ -232,8 +237,12 @@ def learn_from_presses(
     # simpler view that was nearly as likely would make errors a tenth larger. Orders of channels are not tried, as a
     # model reads exchanged channels as well.
     bare_presses, bare = _without_markers(presses, calibration) if seek_markers else (presses, calibration)
-    fit_in_view = _fit_in_view if presses.place is None else _fit_places_in_view
-    fits = [fit_in_view(view, bare_presses, bare, sensor, model) for view in VIEWS[:4]]
+    if presses.place is not None:
+        fits = [_fit_places_in_view(view, bare_presses, bare, sensor, model) for view in VIEWS[:4]]
+    elif model is not None:
+        fits = [_fit_in_view(view, bare_presses, bare, sensor, model) for view in VIEWS[:4]]
+    else:
+        raise FileError(no_shipped_model(sensor.name))
     best = max(fits, key=lambda fit: fit.log_likelihood)
     uncorrected = {"direction": calibration.direction, "pixel_pitch": calibration.pixel_pitch}
     _check_touched(bare_presses, replace(best.calibration, **uncorrected), sensor)
@@ -338,7 +347,7 @@ def _fit_in_view(
 
 
 def _fit_places_in_view(
-    view: CameraView, presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel
+    view: CameraView, presses: Presses, calibration: Calibration, sensor: SensorProfile, model: TouchModel | None
 ) -> _ViewFit:
     """Fit a line through the places that a flat pad shows in a view, over those of the presses."""
     assert presses.place is not None
@@ -347,14 +356,18 @@ def _fit_places_in_view(
     readings = [place_on_unit(model, difference, unit) for difference in differences]
     places = [reading for reading in readings if reading is not None]
     if len(places) < len(readings):
-        raise FileError("not all presses show whole imprints, and the touch model reads no places")
+        name = presses.names[readings.index(None)]
+        raise FileError(
+            f"{name}: shows no whole imprint of equal sides, and no touch model reads its place; leave it out"
+        )
     measured, variance = np.array(places).T
     place = presses.place - presses.place.mean()  # so that places from far away lose no digits
     prior_sigmas = (1.0, math.hypot(_LIMITS.scale_sigma, unit.pixel_pitch_sigma))
     given = _PLACES.given_place_sigma**2
-    (offset, scale), _, _ = _fitted_line(place, measured, variance + given, prior_sigmas)
+    # Views are compared by one noise: with a scatter of its own, a wrong one would seem likely as well.
+    (offset, scale), _, log_likelihood = _fitted_line(place, measured, variance + given, prior_sigmas)
     spread = _spread_of_middles(measured - offset - scale * place, variance)
-    (offset, scale), sigmas, log_likelihood = _fitted_line(place, measured, spread * variance + given, prior_sigmas)
+    (offset, scale), sigmas, _ = _fitted_line(place, measured, spread * variance + given, prior_sigmas)
     scatter = float(np.sqrt(np.mean(np.square(measured - offset - scale * place))))
     assert unit.pixel_pitch is not None
     scale = float(np.clip(scale, 0.01, 10.0))  # beyond that units are wrong, which `mismatch` says
