@@ -1,5 +1,6 @@
 """A folder of images with a table of poses becomes a recording by `palpate convert`."""
 
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -301,3 +302,90 @@ def test_info_says_how_to_convert_a_folder(folder, run_palpate):
     code, out, _ = run_palpate("info", "img")
     assert code == 0
     assert "palpate convert --images img --image-times t.csv --poses ee.csv --shape" in out
+
+
+def day(time, zone="Z", day=True):
+    """A time [s] after START as ISO 8601 has it; zones are two hours ahead of UTC unless they are Z."""
+    ahead = 0 if zone in ("Z", "") else 7200
+    when = datetime.fromtimestamp(START + ahead, UTC) + timedelta(microseconds=round(time * 1e6))
+    return when.strftime("%Y-%m-%dT%H:%M:%S.%f" if day else "%H:%M:%S.%f") + zone
+
+
+def dated(form):
+    """Write both tables with times in a form."""
+    poses = [[form(time), *map(repr, row.tolist())] for time, row in zip(POSE_TIME, true_pose(POSE_TIME), strict=True)]
+    write_table("ee.csv", "time,x,y,theta", poses)
+    write_table("t.csv", "time,file", [(form(time), f"frame_{k}.png") for k, time in enumerate(IMAGE_TIME)])
+
+
+TABLES_OF_THESE = ("--image-times", "t.csv", "--poses", "ee.csv")
+
+
+@pytest.mark.parametrize("zone", ["Z", "+02:00", "+0200"])
+def test_times_with_a_date(folder, run_palpate, zone):
+    dated(lambda time: day(time, zone))
+    same_push(convert(run_palpate, *TABLES_OF_THESE))
+    image_table()  # in seconds
+    same_push(convert(run_palpate, *TABLES_OF_THESE))
+
+
+def test_times_without_a_zone_or_a_day(folder, run_palpate, fails, caplog):
+    dated(lambda time: day(time, ""))
+    same_push(convert(run_palpate, *TABLES_OF_THESE))
+    assert "no zone and are taken to be in UTC" in caplog.text
+    dated(lambda time: day(time, "", day=False))
+    same_push(convert(run_palpate, *TABLES_OF_THESE), START % 86400)
+    dated(lambda time: day(time, "Z" if time < 0.3 else ""))
+    assert "one form for all" in fails("convert", "--images", "img", "--shape", "0.09x0.06", "o.mcap", *TABLES_OF_THESE)
+
+
+def lines_of(name):
+    first, *rest = Path(name).read_text().splitlines()
+    return first, rest
+
+
+SHUFFLED = np.random.default_rng(0).permutation
+
+
+@pytest.mark.parametrize("name", ["ee.csv", "t.csv"])
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda rows: rows[::-1], "not in the order of time"),
+        (lambda rows: SHUFFLED(rows).tolist(), "not in the order of time"),
+        (lambda rows: [row for row in rows for _ in range(2)], "are there twice"),
+        (lambda rows: rows + rows, "are there twice"),
+        (lambda rows: [*rows, "Total" + "," * rows[0].count(",")], "Total"),
+        (lambda rows: [*rows, rows[-1].split(",")[0]], "is no row like those above it"),
+    ],
+)
+def test_rows_that_people_and_programs_leave(folder, run_palpate, caplog, name, change, told):
+    dated(lambda time: f"{START + time:.6f}")
+    header, rows = lines_of(name)
+    Path(name).write_text("\n".join([header, *change(rows)]) + "\n")
+    same_push(convert(run_palpate, *TABLES_OF_THESE))
+    assert told in caplog.text
+
+
+def test_two_takes_in_a_table_are_not_sorted(folder, fails):
+    dated(lambda time: f"{START + time:.6f}")
+    header, rows = lines_of("ee.csv")
+    other = [f"{START + time + 0.003:.6f},1,1,0" for time in POSE_TIME]
+    Path("ee.csv").write_text("\n".join([header, *rows, *other]) + "\n")
+    assert "two takes" in fails("convert", "--images", "img", "--shape", "0.09x0.06", "o.mcap", *TABLES_OF_THESE)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time in ms,x in mm,y in mm,yaw in deg",
+        "time,x,y,yaw\n[ms],[mm],[mm],[deg]",
+        "t_ms,x_millimeters,y_mm,yaw_degrees",
+    ],
+)
+def test_units_that_are_written_in_words_or_in_a_row_of_their_own(folder, run_palpate, header):
+    image_table("t.csv", "time_ms,file", 1e3)
+    rows = with_times(true_pose(POSE_TIME) * [1e3, 1e3, np.degrees(1.0)], 1e3)
+    exact = [(1e3 * (START + time), *row[1:]) for time, row in zip(POSE_TIME, rows, strict=True)]
+    write_table("ee.csv", header, exact)
+    same_push(convert(run_palpate, *TABLES_OF_THESE))

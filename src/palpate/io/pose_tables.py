@@ -6,6 +6,7 @@ names state units: time_ms, `x [mm]`, theta_deg. What neither names nor numbers 
 names the option.
 """
 
+import logging
 import math
 import re
 from collections.abc import Sequence
@@ -19,9 +20,12 @@ from palpate.arrays import Array, Flags, Times
 from palpate.checks import METRES, TURNS, other_unit
 from palpate.errors import FileError
 from palpate.files import column_name, in_file, read_text, table_rows
+from palpate.io.table_rows import Table, is_clock, rows_in_order, with_numbers_for_clocks
 from palpate.io.time_order import UNKNOWN, are_few
 from palpate.types.choices import TableChoices, TimeUnit
 from palpate.types.space import MOST_WRONG, STEEPEST
+
+logger = logging.getLogger(__name__)
 
 NANOSECONDS: dict[TimeUnit, int] = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 """Length of each unit of time [ns]."""
@@ -39,42 +43,9 @@ _ANGLE = re.compile(r"(?:.*_)?(?:theta|yaw|heading)(?:_(rad|deg|degrees))?")
 _OTHER = re.compile(
     r"(?:.*_)?(?:vel|velocity|twist|linear|angular|acc|force|torque|wrench|cov|covariance|goal|target)_.*"
 )
-_MISSING = ("", "na", "n/a", "#n/a", "null", "none", "-")
-"""Cells that hold no number, as programs write them, in lower case."""
+_UNIT_WORDS = ("", *_TIME_WORDS, *METRES, "rad", "deg", "degrees")
+"""Units of columns; "" for none."""
 _NUMBERED = re.compile(r"(.*?)_?(\d\d?)")
-
-
-class Table(NamedTuple):
-    """Rows of cells, below the names of their columns if there are any."""
-
-    path: Path
-    names: list[str]
-    """Names as `column_name` writes them; empty without a header."""
-    lines: list[int]
-    """Line of each row in the file."""
-    cells: list[list[str]]
-    """Cells of each row."""
-
-    def column(self, index: int) -> list[str]:
-        """Return the cells of a column."""
-        return [row[index] for row in self.cells]
-
-    def numbers(self, indices: Sequence[int]) -> Array:
-        """Return columns as numbers (N, columns), NaN where a cell holds none. Raises FileError that names the line."""
-        numbers = np.empty((len(self.cells), len(indices)))
-        for index, (line, row) in enumerate(zip(self.lines, self.cells, strict=True)):
-            words = [row[column] for column in indices]
-            try:
-                numbers[index] = [math.nan if word.lower() in _MISSING else float(word) for word in words]
-            except ValueError:
-                expected = "a number" if len(indices) == 1 else f"{len(indices)} numbers"
-                raise FileError(f"line {line}: found {','.join(words)[:80]!r}, expected {expected}") from None
-        return numbers
-
-    @property
-    def columns(self) -> str:
-        """Its columns in words, for errors."""
-        return ", ".join(self.names) or f"{len(self.cells[0])} columns without a header"
 
 
 @dataclass(frozen=True)
@@ -101,12 +72,15 @@ def read_cells(path: Path) -> Table:
     rows = table_rows(text, path, first_line if "," in first_line else "")
     header: list[str] = []
     is_comment = False
-    while rows and (rows[0][1][0].startswith(("#", "%")) or not any(map(_is_number, filter(None, rows[0][1])))):
+    while rows and (rows[0][1][0].startswith(("#", "%")) or not any(map(_is_value, filter(None, rows[0][1])))):
+        above = header
         _, header = rows.pop(0)
+        if len(above) == len(header) and all(cell.strip("[]()") in _UNIT_WORDS for cell in header):
+            header = [f"{name} {unit}" for name, unit in zip(above, header, strict=True)]
         is_comment = header[0].startswith(("#", "%"))
         if is_comment:
             header = [cell for cell in (cell.lstrip("#% ") for cell in header) if cell]
-    rows = [(line, row) for line, row in rows if not row[0].startswith("#")]
+    rows = _without_total([(line, row) for line, row in rows if not row[0].startswith("#")], path)
     if not rows:
         raise FileError(f"{path}: holds no rows of numbers")
     width = len(rows[0][1])
@@ -119,8 +93,40 @@ def read_cells(path: Path) -> Table:
         header = header[:width]
     if len(header) != width and len(header) > 1 and not is_comment:
         raise FileError(f"{path}: found {width} columns below the {len(header)} names {', '.join(header)[:200]}")
-    names = [column_name(cell) for cell in header] if len(header) == width else []  # else it is a remark
-    return _with_whole_stamps(Table(path, names, [line for line, _ in rows], [row[:width] for _, row in rows]))
+    names = [_with_short_unit(column_name(cell)) for cell in header] if len(header) == width else []  # else a remark
+    table = Table(path, names, [line for line, _ in rows], [row[:width] for _, row in rows])
+    return _with_whole_stamps(with_numbers_for_clocks(table, _is_time))
+
+
+def _with_short_unit(name: str) -> str:
+    """Return a column's name with its unit as `_PLACE`, `_ANGLE` and `_TIME` have it: x_mm for x_in_millimetres."""
+    name = re.sub(r"_(milli|centi|)met(?:er|re)s?$", lambda match: f"_{match[1][:1]}m", name)
+    return re.sub(rf"_in_(?=({'|'.join(filter(None, _UNIT_WORDS))})$)", "_", name)
+
+
+def _is_time(name: str) -> bool:
+    return _TIME.fullmatch(name) is not None
+
+
+def _without_total(rows: list[tuple[int, list[str]]], path: Path) -> list[tuple[int, list[str]]]:
+    """Return rows without a last one that was cut off or, unlike those above it, begins with a word, such as Total.
+
+    A warning tells.
+    """
+    if len(rows) < 3:
+        return rows
+    line, row = rows[-1]
+    is_cut = len(row) < len(rows[-2][1])
+    has_word = not _is_value(row[0]) and all(_is_value(other[0]) for _, other in rows[:-1])
+    if not (is_cut or has_word):
+        return rows
+    logger.warning("%s: line %d, %r, is no row like those above it and is left out", path, line, ",".join(row)[:80])
+    return rows[:-1]
+
+
+def _is_value(word: str) -> bool:
+    """Return true for a number, or a time as ISO 8601 writes it."""
+    return _is_number(word) or is_clock(word)
 
 
 def _with_whole_stamps(table: Table) -> Table:
@@ -169,7 +175,10 @@ def read_times(path: Path, choices: TableChoices) -> tuple[Times, list[str]]:
         if time is None or len(named) > 1:
             raise FileError(f"found {table.columns}; expected one named time and, if images are not in order, one file")
         stamps, _ = _times(table, time, choices.time_unit or unit)
-        return stamps, table.column(named[0]) if named else []
+        if not named:
+            return stamps, []
+        order = rows_in_order(path, table.cells, stamps)
+        return stamps[order], [table.cells[index][named[0]] for index in order]
 
 
 def read_pose_table(path: Path, choices: TableChoices) -> PoseTable:
@@ -182,7 +191,8 @@ def read_pose_table(path: Path, choices: TableChoices) -> PoseTable:
         if time is None:
             return PoseTable(None, poses, f"{found.layout}, no times", found.is_order_known)
         stamps, unit = _times(table, time, choices.time_unit or unit)
-        return PoseTable(stamps, poses, f"{found.layout}, times in {unit}", found.is_order_known)
+        order = rows_in_order(path, table.cells, stamps)
+        return PoseTable(stamps[order], poses[order], f"{found.layout}, times in {unit}", found.is_order_known)
 
 
 def poses_of_numbers(path: Path, names: Sequence[str], numbers: Array, choices: TableChoices) -> PoseTable:

@@ -184,10 +184,14 @@ def _library_messages(path: Path) -> Iterator[RawMessage]:
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({one_line(error)})") from error
     except Exception as error:  # damaged bytes can raise anything in the readers
+        words = one_line(error)
+        if "malformed" in words:
+            database = path if path.is_file() else next(path.glob("[!.]*.db3"), path)
+            new = database.with_stem(f"{database.stem}_new")
+            repair = f"`sqlite3 {database} .recover | sqlite3 {new}` may save a part of it"
+            raise FileError(f"{path}: its database is cut off or damaged; {repair}") from error
         repair = "ros2 bag reindex" if is_ros2 else "rosbag reindex"
-        raise FileError(
-            f"{path}: cannot be read ({one_line(error)}); `{repair}` may repair it{_parts(path)}"
-        ) from error
+        raise FileError(f"{path}: cannot be read ({words}); `{repair}` may repair it{_parts(path)}") from error
     if count and not found:
         raise FileError(
             f"{path}: {count} messages are in its metadata.yaml, and it fits none of its files{_parts(path)}"
