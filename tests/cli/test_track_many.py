@@ -95,3 +95,18 @@ def test_files_of_one_name_do_not_share_a_folder(run_palpate):
 
 def test_fewer_workers_than_one(fails):
     assert "workers is 0" in fails("track", "push.mcap", "blind.mcap", "--workers", "0")
+
+
+def test_workers_are_counted_for_a_single_file_too(fails):
+    assert "workers is 0" in fails("track", "push.mcap", "--workers", "0")
+
+
+def test_the_current_folder_is_no_recording(fails):
+    Path("runs").mkdir()
+    assert "is a folder of" in fails("track", ".")
+
+
+def test_times_have_units(run_palpate, fails):
+    assert "--seconds: found '5h'" in fails("simulate", "pushes", "--seconds", "5h")
+    assert "seconds is 2" in fails("simulate", "pushes", "--seconds", "2000ms")
+    assert "--seconds is -5" in fails("live", "--replay", "push.mcap", "--seconds", "-5s")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
+from palpate.cli.quantities import TIME, quantities
 from palpate.cli.sources import Source
 from palpate.cli.track_files import Outcome, Outputs, Way, load_estimator, read_first_poses, track_file, track_files
 from palpate.errors import SettingError
@@ -89,11 +90,13 @@ def track(
         workers: Processes that share several files.
         resume: Keep whole runs of the same files by the same settings, and make the rest.
     """
+    from palpate.parallel import check_workers
     from palpate.pipeline.run_folder import PAGE
 
     if not files:
         raise SettingError("track takes a recording or several: palpate track FILE ...")
     files_of_run.check(len(files), force)
+    check_workers(workers)
     if first_poses and start != Start():
         raise SettingError("--first-poses cannot be combined with the options of one first pose")
     start.pose_and_sigma()  # raises here, once for all files
@@ -120,6 +123,7 @@ def _folder_of(file: Path, out: Path | None, is_only: bool) -> Path:
     """Return the folder for the run of a file, the only one or one of several."""
     if out and is_only:
         return out
+    file = file.resolve() if file.name in ("", "..") else file  # as the current folder is named
     name = (file.with_suffix("") if file.suffix == ".gz" else file).stem or file.name
     return (out or Path("runs")) / name
 
@@ -192,7 +196,7 @@ def live(
     poses: Annotated[str | None, arg("udp:PORT", "none; --camera needs it")] = None,
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
     record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
-    seconds: Annotated[float | None, arg("S", "until Ctrl-C")] = None,
+    seconds: Annotated[float | None, quantities("--seconds", "S", TIME), arg("S", "until Ctrl-C")] = None,
     force: Force = False,
     start: Start = Start(),
     touch: Touch = Touch(),

@@ -179,11 +179,10 @@ def track_files(
     """Track recordings, each with its folder, by some processes; errors are shown and do not stop the others.
 
     With `resume`, whole runs are kept that were made of the same files by the same settings. Returns the outcomes in
-    the order of the jobs. Raises SettingError on fewer workers than one.
+    the order of the jobs.
     """
-    from palpate.parallel import check_workers, processes, results_in_any_order
+    from palpate.parallel import processes, results_in_any_order
 
-    check_workers(workers)
     jobs = list(dict.fromkeys(jobs))
     outcomes: dict[tuple[Path, Path], Outcome] = {}
     first_files: dict[Path, Path] = {}

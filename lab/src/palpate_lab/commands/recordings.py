@@ -10,6 +10,7 @@ import tyro
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
 from palpate.cli.options import Force, Sensor, Workers, arg
+from palpate.cli.quantities import TIME, quantities
 from palpate.errors import SettingError
 from palpate.files import in_file, new_file
 from palpate.types.choices import Unit
@@ -32,7 +33,7 @@ class Pushes:
     """Unit of the numbers in --shape."""
     count: Annotated[int, arg("N")] = 10
     """Recordings of each object."""
-    seconds: Annotated[float, arg("S")] = 15.0
+    seconds: Annotated[float, quantities("--seconds", "S", TIME), arg("S", "15")] = 15.0
     """Length of a recording [s]."""
     knocks: bool = False
     """A finger shoves the object now and then, unknown to the sensor."""
