@@ -51,8 +51,8 @@ for _ in range(40):
         until = step + LAG  # a state is corrected at its own step and at the LAG - 1 that follow
         filtered.append(present[step] - path[step])
         smoothed.append(lagging.xSmooth[step][0] - path[step])
-        later = whole.rts_smoother(means[:until], covariances[:until])[0]
-        reference.append(later[step][0] - path[step])
+        later = whole.rts_smoother(means[step:until], covariances[step:until])[0]
+        reference.append(later[0][0] - path[step])
 
 
 def size(errors):

@@ -3,10 +3,10 @@
 #
 # PushT is LeRobot's task of planar pushing. Its T is of one material by all that its documentation says; `block_cog` is
 # for a "center of gravity of the block if different from the center of mass". The centres of its two bars, of 3600 and
-# 2700 square units, are averaged as if they weighed the same, and the moment is that of the bar twice, for bar and stem
-# (huggingface/gym-pusht#22, taken over from diffusion_policy), each of the whole mass. `moment_for_poly` of pymunk gives
-# the moment about the body's origin, though its documentation speaks of the centroid: four times that of a plate whose
-# corner is the origin. `density` of pymunk's shapes, as here, finds centre and moment rightly.
+# 2700 square units, are averaged as if they weighed the same, and the moment is that of the bar twice, once for the
+# stem, each of the whole mass (huggingface/gym-pusht#22, taken over from diffusion_policy). `moment_for_poly` of pymunk
+# gives the moment about the body's origin, though its documentation speaks of the centroid: four times that of a plate
+# whose corner is the origin. `density` of pymunk's shapes, as here, finds centre and moment rightly.
 # A model of pushing that is fitted to such data does not fit a real T.
 # Seen: the centre is 45 units from the top of the T instead of 40.7, the moment 3000 instead of 1932 per unit of mass;
 # one push of the bar by 117 units turns it by 34.7 degrees, and by 40.0 with its own centre and moment.
