@@ -184,7 +184,7 @@ def shading(unit: SensorUnit, height: Image) -> Image:
     lit = np.empty_like(shadow)
     at_rest = _rest(unit)
     _write_lit(right, up, at_rest, light, shadow, lit)
-    difference = np.asarray(cv2.transform(cv2.merge(lit), unit.colour.T.astype(np.float32)), np.float32)
+    difference = np.asarray(cv2.transform(cv2.merge(list(lit)), unit.colour.T.astype(np.float32)), np.float32)
     _add_fold(difference, at_rest.response, height, surroundings, unit.fold * 3.5e5)
     return difference
 
