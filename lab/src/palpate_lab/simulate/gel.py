@@ -181,10 +181,10 @@ def shading(unit: SensorUnit, height: Image) -> Image:
     light = unit.light.astype(np.float32)
     shadow = _shadows(unit, height)
     surroundings = np.asarray(cv2.GaussianBlur(height, (0, 0), 8e-4 / unit.pitch), np.float32)
-    lit = np.empty((len(light), height.shape[1]), np.float32)
-    difference = np.empty((*height.shape, 3), np.float32)
+    lit = np.empty_like(shadow)
     at_rest = _rest(unit)
-    _write_lit(right, up, at_rest, light, shadow, unit.colour.astype(np.float32), lit, difference)
+    _write_lit(right, up, at_rest, light, shadow, lit)
+    difference = np.asarray(cv2.transform(cv2.merge(list(lit)), unit.colour.T.astype(np.float32)), np.float32)
     _add_fold(difference, at_rest.response, height, surroundings, unit.fold * 3.5e5)
     return difference
 
@@ -204,35 +204,19 @@ class _AtRest(NamedTuple):
     """Grey levels of the camera per grey level of light, (height, width, 3); it is 1 at a level of 100."""
 
 
-@compiled(_MAP, _MAP, _AtRest(_MAP, _MAP, _MAPS, _MAPS, _MAPS), _MAP, _MAPS, _MAP, _MAP, _MAPS)
-def _write_lit(
-    right: Image,
-    up: Image,
-    at_rest: _AtRest,
-    light: Image,
-    shadow: Image,
-    colour: Image,
-    lit: Image,
-    difference: Image,
-) -> None:
-    """Write the change of the light of three lights on the gel (height, width, 3), by its slopes to the right and down.
-
-    lit (3, width) holds those of a row meanwhile.
-    """
+@compiled(_MAP, _MAP, _AtRest(_MAP, _MAP, _MAPS, _MAPS, _MAPS), _MAP, _MAPS, _MAPS)
+def _write_lit(right: Image, up: Image, at_rest: _AtRest, light: Image, shadow: Image, lit: Image) -> None:
+    """Write the change of each light on the gel, (lights, height, width), by its slopes to the right and down."""
     one = np.float32(1.0)
-    for row in range(right.shape[0]):
-        for k in range(len(light)):  # not inside the columns, of which an instruction takes several
+    for k in range(len(light)):  # not inside the columns, of which an instruction takes several
+        for row in range(right.shape[0]):
             for column in range(right.shape[1]):
                 normal_right = at_rest.right[row, column] - right[row, column]
                 normal_up = at_rest.up[row, column] + up[row, column]
                 shrink = one / np.sqrt(normal_right * normal_right + normal_up * normal_up + one)
                 facing = (light[k, 0] * normal_right + light[k, 1] * normal_up + light[k, 2]) * shrink
                 facing = max(facing, np.float32(0.0)) * (one - shadow[k, row, column])
-                lit[k, column] = (facing - at_rest.lit[k, row, column]) * at_rest.strength[k, row, column]
-        for column in range(right.shape[1]):
-            for c in range(3):
-                change = colour[0, c] * lit[0, column] + colour[1, c] * lit[1, column] + colour[2, c] * lit[2, column]
-                difference[row, column, c] = change
+                lit[k, row, column] = (facing - at_rest.lit[k, row, column]) * at_rest.strength[k, row, column]
 
 
 @compiled(_MAPS, _MAPS, _MAP, _MAP, 0.0)
