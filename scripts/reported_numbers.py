@@ -411,11 +411,17 @@ TABLES: dict[str, Table] = {
             "of each, paired ": "{inside[difference]:+.2f} ± {inside[standard_error]:.2f} %",
             "`ambiguous`": "{ambiguous[before]:.1f}, {ambiguous[now]:.1f} %",
             "silently wrong": "{silent[before]:.1f}, {silent[now]:.1f} %",
+            "lost": "{lost[before]}, {lost[now]}",
         },
         of_json(
             "docs/study/recent_steps.json",
-            {"setup": "with errors of the set-up", "knocked": "shoved"},
-            "fresh",
+            {
+                "fresh_setup": "fresh ones, with errors of the set-up",
+                "fresh_knocked": "fresh ones, shoved",
+                "choice_setup": "with errors of the set-up",
+                "choice_knocked": "shoved",
+            },
+            "runs",
         ),
     ),
     "rim": Table(
