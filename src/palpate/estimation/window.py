@@ -4,10 +4,9 @@ All B hypotheses of a contact are rows of one window: every array has an axis B,
 the steps (N, B), so that a step joins and leaves without a copy. To branch, prune and reorder hypotheses is to take
 rows. The terms are shared by all rows; the rows differ in their values and their past.
 
-Every frame relinearises the whole window once and its last steps several times, so that its cost does not grow with the
-length of the contact. A step that leaves the window leaves a Gaussian on the next step and the shared variables (Schur
-complement), linearised where that step was before the last Gauss-Newton step. With an unlimited lag this is the batch
-solution.
+Every step relinearises the whole window, so that its cost does not grow with the length of the contact. A step that
+leaves the window leaves a Gaussian on the next step and the shared variables (Schur complement), linearised where that
+step was before the last Gauss-Newton step. With an unlimited lag this is the batch solution.
 """
 
 from typing import Protocol
