@@ -135,7 +135,7 @@ def test_an_outline_that_cannot_be_pushed_does_not_stop_the_rest(simulate):
         (("--shape", "disc", "--shape", "disc"), "'disc' is given twice"),
         (("--shape", "0.02x0.03"), "the outline is 0.03 m wide; simulation allows 0.05 to 0.5 m"),
         (("--count", "0"), "count is 0; allowed is 1 to 100000"),
-        (("--seconds", "nan"), "seconds is nan; allowed is 3 to 600"),
+        (("--seconds", "nan"), "--seconds: found 'nan'; allowed is a number"),
         (("--seed", "-1"), "seed is -1; allowed is 0 or more"),
         (("--workers", "0"), "workers is 0; allowed is 1 or more"),
         (("--dask", "nowhere"), "no Dask scheduler answers at 'nowhere'"),

@@ -146,9 +146,8 @@ def decode_image(data: bytes, size: tuple[int, int] | None = None) -> Image:
 
     try:
         image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
-        if image.mode.startswith(("1", "L", "I", "F")):
-            kind = "grey in 16 bits" if image.mode.startswith("I") else "grey"
-            raise FileError(f"is {kind}, expected 8 bits and colours")
+        if image.mode.startswith(("I", "F")):  # Pillow would cut off their levels at 255
+            raise FileError("is grey in 16 bits, expected 8 bits and colours")
         pixels = np.array(image.convert("RGB"))
     except Image.DecompressionBombError as error:
         raise FileError(f"is an image that is far too large ({error})") from error
