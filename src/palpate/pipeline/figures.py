@@ -90,7 +90,8 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
     for axes in (above, translation, status):
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles[label] = handle
-    figure.legend(handles.values(), handles, loc="lower center", ncols=8, frameon=False, fontsize=9)
+    narrow: Any = {"columnspacing": 1.2, "handletextpad": 0.5}  # so that it is not cut if every status is named
+    figure.legend(handles.values(), handles, loc="lower center", ncols=8, frameon=False, fontsize=9, **narrow)
     return figure
 
 
