@@ -189,7 +189,8 @@ def warm_up(graph: CompiledModel | None = None, progress: Callable[[int], object
     improve = (graph or PUSHING).improve
     is_made = improve.is_loaded or path_of(improve) is not None
     if not is_made:
-        logger.warning("compiling the estimator: once for this version, some 30 s")
+        of_what = "" if improve is PUSHING.improve else " of this number of fingers, or with these factors"
+        logger.warning("compiling the estimator%s: once for this version, some 30 s", of_what)
     for count, function in enumerate(machine_code(graph), start=1):
         function.load()
         if progress:

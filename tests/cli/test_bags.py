@@ -41,7 +41,7 @@ def test_info_lists_topics_and_what_would_be_read(succeeds, json_of):
     out = succeeds("info", "push.bag")
     (image,) = [" ".join(line.split()) for line in out.splitlines() if "sensor_msgs/msg/CompressedImage" in line]
     assert "/digit/image/compressed sensor_msgs/msg/CompressedImage ros1 24 30 0.0333" in image
-    assert " track push.bag --shape NAME|FILE --first-pose X Y THETA" in out
+    assert " track push.bag --shape NAME|AxB|FILE --first-pose X Y THETA" in out
     found = json_of("info", "push.bag")
     assert (found["format"], found["source"]) == ("bag", "bag push.bag: /digit/image/compressed, /ee_pose")
     poses = found["topics"][2]
@@ -143,7 +143,7 @@ def test_info_chooses_the_topics_that_are_named_as_touch(json_of, succeeds):
     found = json_of("info", "robot")
     assert " track robot --images /digit/image/compressed --sensor-poses /digit_pose --shape" in found["advice"]
     assert "/mocap" in found["other_poses"] and "--object-poses" in found["other_poses"]
-    words = found["advice"].partition("track ")[2].replace("NAME|FILE", "disc").partition(" --first")[0].split()
+    words = found["advice"].partition("track ")[2].replace("NAME|AxB|FILE", "disc").partition(" --first")[0].split()
     succeeds("convert", *words, "--object-poses", "/mocap", "robot.mcap")  # OUT may stand at the end
     assert json_of("info", "robot.mcap")["truth_share"] == 1.0
 

@@ -28,6 +28,8 @@ def test_the_report_is_short_and_all_shows_the_rest(succeeds):
     assert succeeds("info", "runs/push").splitlines()[1:] == lines[1:]
     everything = succeeds("info", "runs/push", "--all")
     assert "nees_mean" in everything and "nees_mean" not in out
+    (reasons,) = [line for line in everything.splitlines() if line.startswith("reasons")]
+    assert f"ambiguous: {found['reasons']['ambiguous']}" in reasons  # sentences, which hold commas of their own
 
 
 def test_a_trajectory_holds_the_estimates_and_the_truth(succeeds):

@@ -304,6 +304,13 @@ def test_info_says_how_to_convert_a_folder(folder, run_palpate):
     assert "palpate convert --images img --image-times t.csv --poses ee.csv --shape" in out
 
 
+def test_a_folder_around_that_of_images_names_it(folder, fails):
+    Path("data set").mkdir()
+    Path("img").rename("data set/img")
+    for words in (("info", "data set"), ("track", "data set", "--shape", "disc")):
+        assert "images are in data set/img: palpate info 'data set/img' says how" in fails(*words)
+
+
 def day(time, zone="Z", day=True):
     """A time [s] after START as ISO 8601 has it; zones are two hours ahead of UTC unless they are Z."""
     ahead = 0 if zone in ("Z", "") else 7200

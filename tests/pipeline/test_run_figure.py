@@ -10,7 +10,8 @@ import pytest
 from recording_samples import BLIND, pushed
 
 import palpate
-from palpate.pipeline.figures import run_figure
+from palpate.pipeline.figures import STATUS_COLOURS, run_figure
+from palpate.types.estimate import Answer
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,26 @@ def test_a_run_without_truth_shows_sigma(tracked):
     figure = run_figure(palpate.track(blind, first_pose=tracked.first_pose))
     assert figure.axes[1].get_ylabel() == "translation 1 sigma [mm]"
     assert "no ground truth" in figure.get_suptitle() and not {"truth", "error"} & legend(figure)
+
+
+def test_the_legend_of_a_video_names_other_answers_where_there_are_some(tracked):
+    answer = Answer(np.zeros(3), np.eye(3), 0.5, "shove")
+    one = replace(tracked, answers=((),) * len(tracked.answers))
+    several = replace(tracked, answers=(*one.answers[:-1], (answer, answer)))
+    shown = [legend(run_figure(run, at_end=False)) for run in (one, several)]
+    assert ["other answers" in texts for texts in shown] == [False, True]
+    assert "other answers" not in legend(run_figure(several))
+
+
+def test_a_legend_with_every_status_is_not_cut(tracked):
+    answer = Answer(np.zeros(3), np.eye(3), 0.5, "shove")
+    status = np.resize(list(STATUS_COLOURS), len(tracked.online)).tolist()
+    online = replace(tracked.online, status=status)
+    answers = ((answer, answer),) * len(status)
+    figure = run_figure(replace(tracked, online=online, answers=answers), at_end=False)
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert set(STATUS_COLOURS) < legend(figure) and box.x0 > 0.0 and box.x1 < figure.bbox.width
 
 
 def test_unknown_truth_is_left_blank(tracked):

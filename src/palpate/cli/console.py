@@ -66,6 +66,8 @@ class Report:
 def cell(value: Any) -> str:
     """Return a value for a table: numbers with three digits, a dash for None, none for an empty list."""
     if isinstance(value, dict):
+        if any(isinstance(item, str) and " " in item for item in value.values()):  # sentences, with commas of their own
+            return "; ".join(f"{name}: {cell(item)}" for name, item in value.items())
         return ", ".join(f"{name} {cell(item)}" for name, item in value.items()) or "none"
     if isinstance(value, list | tuple):
         return f"{len(value)}" if len(value) > 20 else ", ".join(map(cell, value)) or "none"

@@ -245,7 +245,7 @@ class Bag:
         """Return a sentence on all that a bag needs which is not given: the object, and topics of several."""
         from palpate.types.sensor_file import known_sensor
 
-        needs = f"{file}: is a bag, which needs --shape NAME|FILE and, unless --object-poses has them, --first-pose"
+        needs = f"{file}: is a bag, which needs --shape NAME|AxB|FILE and, unless --object-poses has them, --first-pose"
         try:
             palpate.read_bag(file, palpate.Disc(0.05), self.choices, self.hand() or known_sensor(self.sensor))
         except PalpateError as error:

@@ -19,7 +19,7 @@ from palpate.files import in_file, new_file, numbers_of, read_json
 from palpate.hints import own_command
 from palpate.types.choices import DEFAULT_SENSOR, TableChoices, TrackerChoices
 
-NEEDED = "--shape NAME|FILE --first-pose X Y THETA"
+NEEDED = "--shape NAME|AxB|FILE --first-pose X Y THETA"
 """Options of `palpate track` that no bag holds."""
 
 
@@ -205,7 +205,8 @@ def _about_bag(path: Path, sensor: str, orientation: str) -> dict[str, Any]:
         bag = contents(path)
     choices = likely_choices(bag, palpate.BagChoices(orientation=orientation))
     about: dict[str, Any] = {"topics": [channel._asdict() | stream.about() for channel, stream in bag.topics.items()]}
-    about["frames"] = {child: " or ".join(stream.frames) for child, stream in bag.transforms.items()}
+    if bag.transforms:  # without, a line "frames none" would read as if the bag had no images
+        about["frames"] = {child: " or ".join(stream.frames) for child, stream in bag.transforms.items()}
     options = _options_of(bag, sensor, choices)
     profile = known_sensor(sensor)
     try:

@@ -283,7 +283,7 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
 
     first, sigma = start.pose_and_sigma()
     if bag.shape is None or first is None:
-        raise SettingError("--camera needs --shape NAME|FILE, --first-pose X Y THETA or --first-pose-unknown")
+        raise SettingError("--camera needs --shape NAME|AxB|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
     given = Bag(bag.shape, bag.shape_unit, bag.shape_layer, bag.sensor, bag.mounts, BagOptions(**placement))
     if bag != given:

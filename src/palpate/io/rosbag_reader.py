@@ -5,6 +5,7 @@ outline of the object; `rosbag_recording.read_bag` makes a recording of a bag an
 """
 
 import logging
+import shlex
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -22,6 +23,7 @@ from palpate.arrays import Flags
 from palpate.errors import FileError, one_line
 from palpate.files import begins_with, existing_file, read_text
 from palpate.io.decode_message import decoded
+from palpate.io.image_folder import image_files
 from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, poses_of, stamp_of
 from palpate.io.time_order import are_few, believed, stamped_in_order
 from palpate.types.space import Placed, Times, check_unchanged, placed_at
@@ -101,6 +103,14 @@ def _is_ros2(path: Path) -> bool:
     return (path / "metadata.yaml").is_file() or begins_with(path, b"SQLite format 3\x00")
 
 
+def _elsewhere(path: Path) -> str:
+    """Return in words what to do with a folder that is no bag."""
+    for folder in sorted(inner for inner in path.glob("[!.]*") if inner.is_dir()):
+        if image_files(folder):
+            return f"images are in {folder}: palpate info {shlex.quote(str(folder))} says how to convert them"
+    return "were they moved? If it is one of images or a dataset of LeRobot, palpate info says how to convert it"
+
+
 def existing_bag(path: Path | str) -> Path:
     """Return the path of a file with content or of the folder of a ROS 2 bag. Raises FileError.
 
@@ -120,10 +130,7 @@ def existing_bag(path: Path | str) -> Path:
     for part in parts:
         _check_no_journal(part)
     if not parts:
-        raise FileError(
-            f"{path}: is a folder without .db3 or .mcap; were they moved? If it is one of images or a dataset of "
-            "LeRobot, palpate info says how to convert it"
-        )
+        raise FileError(f"{path}: is a folder without .db3 or .mcap; {_elsewhere(path)}")
     if not (path / "metadata.yaml").is_file():
         raise FileError(
             f"{path}: is a folder of {len(parts)} recordings or files of a bag, without metadata.yaml; give recordings "

@@ -81,6 +81,8 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
     draw_from_above(above, run)
     for artist in draw_moment(above, run, len(run.online) - 1):
         artist.set_visible(at_end)
+    if not at_end:
+        name_others(above, run)
     draw_errors(translation, rotation, run)
     draw_status(status, run)
     figure.suptitle(title_of(run), y=0.98, fontsize=11, parse_math=False)
@@ -88,7 +90,8 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
     for axes in (above, translation, status):
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles[label] = handle
-    figure.legend(handles.values(), handles, loc="lower center", ncols=8, frameon=False, fontsize=9)
+    narrow: Any = {"columnspacing": 1.2, "handletextpad": 0.5}  # so that it is not cut if every status is named
+    figure.legend(handles.values(), handles, loc="lower center", ncols=8, frameon=False, fontsize=9, **narrow)
     return figure
 
 
@@ -112,6 +115,12 @@ def draw_from_above(axes: "Axes", run: Run) -> None:
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_aspect("equal", adjustable="datalim")
     axes.grid(alpha=0.25)
+
+
+def name_others(axes: "Axes", run: Run) -> None:
+    """Give the legend a line for the other answers, which pages and videos draw, if the run has some."""
+    if any(len(answers) > 1 for answers in run.answers):
+        axes.plot([], [], color=OTHERS, lw=1.0, label="other answers")
 
 
 def draw_status(axes: "Axes", run: Run) -> None:

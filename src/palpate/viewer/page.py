@@ -27,6 +27,7 @@ from palpate.pipeline.figures import (
     draw_from_above,
     draw_moment,
     draw_status,
+    name_others,
     title_of,
 )
 from palpate.pipeline.track import Run
@@ -115,6 +116,7 @@ def _above(run: Run) -> "tuple[Figure, Axes, Axes]":
     draw_from_above(axes, run)
     for artist in draw_moment(axes, run, len(run.online) - 1):
         artist.set_visible(False)
+    name_others(axes, run)
     figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=2, frameon=False, fontsize=9)
     return figure, axes, axes
 
