@@ -49,7 +49,8 @@ def built(project: Path, name: str, folder: Path, wanted: tuple[str, ...]) -> Pa
     hatchling(project, "sdist", folder)
     release = f"{name}-{palpate.__version__}"
     with tarfile.open(folder / f"{release}.tar.gz") as packed:
-        packed.extractall(folder, filter="data")
+        packed.extraction_filter = lambda member, _: member  # of our own; Python 3.11.3 has no filters by name
+        packed.extractall(folder)
     for file in wanted:
         assert (folder / release / file).is_file(), file
     hatchling(folder / release, "wheel", folder)
