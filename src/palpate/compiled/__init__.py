@@ -6,6 +6,7 @@ Functions that only these call are `kernel`s: part of the code of their callers.
 """
 
 import ctypes
+import struct
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, TypeVar, cast
@@ -65,7 +66,7 @@ class Compiled:
                 numbers += self._numbers_of(example, argument)
             else:
                 _flatten(example, argument, numbers)
-        result = self.code(*numbers)
+        result = self.code(self._pack(*numbers))
         if result < 0:
             raise RuntimeError(f"the compiled function {self.name} failed")
         return result
@@ -93,15 +94,22 @@ class Compiled:
         _ = self.code
 
     @cached_property
-    def code(self) -> Callable[..., int]:
-        """The machine code: a function of C that takes the numbers of `_flatten`, and returns -1 if it failed."""
+    def code(self) -> Callable[[bytes], int]:
+        """The machine code: a function of C that takes the packed numbers of `_flatten`, and returns -1 if it failed.
+
+        One argument of some hundred bytes is quicker than fifty numbers, of which ctypes takes each by itself.
+        """
         from palpate.compiled.library import code_of
 
+        return code_of(self)
+
+    @cached_property
+    def _pack(self) -> Callable[..., bytes]:
+        """Pack the numbers of `_flatten`, eight bytes each."""
         numbers: list[float] = []
         for example in self.example:
             _flatten(example, example, numbers)
-        types = [ctypes.c_double if isinstance(number, float) else ctypes.c_int64 for number in numbers]
-        return code_of(self, types)
+        return struct.Struct("".join("d" if isinstance(number, float) else "q" for number in numbers)).pack
 
 
 def _compiled_of(name: str) -> Compiled:

@@ -11,16 +11,18 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
 import numba
-import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
-from numba.extending import typeof_impl
+from numba.extending import intrinsic, typeof_impl
+from numba.np.arrayobj import np_cfarray
 
 from palpate.compiled.kernels import Kernel
 
@@ -108,51 +110,63 @@ def linked_in_memory(code: bytes, name: str) -> int:
 
 
 def _entry(compiled: "Compiled") -> Any:
-    """Return Numba's compiled function of C that takes the numbers of `palpate.compiled._flatten`."""
-    parameters: list[str] = []
-    kinds: list[Any] = []
-    names = {
-        "carray": numba.carray,  # pyright: ignore[reportPrivateImportUsage]
-        "function": _jit(compiled.function, compiled.options),
-    }
-    taken = ", ".join(_expression(example, parameters, kinds, names) for example in compiled.example)
+    """Return Numba's compiled function of C that takes the packed numbers of `palpate.compiled._flatten`."""
+    arguments = _unpacking(compiled.example)
+    function = _jit(compiled.function, compiled.options)
+
+    def call(packed: Any) -> Any:
+        try:
+            function(*arguments(packed))
+        except Exception:
+            return -1
+        return 0
+
+    def call_for_number(packed: Any) -> Any:
+        try:
+            return function(*arguments(packed))
+        except Exception:
+            return -1
+
     returns_number = inspect.signature(compiled.function).return_annotation is int
-    text = f"""
-def entry({", ".join(parameters)}):
-    try:
-        {"return " if returns_number else ""}function({taken})
-    except Exception:
-        return -1
-    return 0
-"""
-    exec(text, names)
-    return numba.cfunc(types.int64(*kinds), pipeline_class=_KernelCompiler, **_OPTIONS)(names["entry"])
+    entry = call_for_number if returns_number else call
+    return numba.cfunc(types.int64(types.voidptr), pipeline_class=_KernelCompiler, **_OPTIONS)(entry)
 
 
-def _expression(example: Any, parameters: list[str], kinds: list[Any], names: dict[str, Any]) -> str:
-    """Return the expression of an argument from numbers, and append what they are."""
+def _unpacking(example: tuple[Any, ...]) -> Any:
+    """Return the function for compiled code that makes arguments like those of an example from packed numbers.
 
-    def parameter(kind: Any) -> str:
-        parameters.append(f"p{len(parameters)}")
-        kinds.append(kind)
-        return parameters[-1]
+    It is written for LLVM, as the same in Python compiles for as long as a fifth of the solver.
+    """
+    kind: Any = numba.typeof(example)
 
-    def constant(value: Any) -> str:
-        name = f"c{len(names)}"
-        names[name] = value
-        return name
+    @intrinsic
+    def arguments(_: Any, __: Any) -> Any:
+        def code(context: Any, builder: Any, _: Any, packed: Any) -> Any:
+            word = ir.IntType(64)
+            first = builder.bitcast(packed[0], word.as_pointer())
+            places = (builder.gep(first, [word(number)]) for number in count())
+            return _value(context, builder, kind, map(builder.load, places))
 
-    if isinstance(example, np.ndarray):
-        address = parameter(types.voidptr)
-        lengths = [parameter(types.int64) for _ in example.shape]
-        return f"carray({address}, ({', '.join(lengths)},), {constant(example.dtype)})"
-    if isinstance(example, tuple):
-        parts = [_expression(part, parameters, kinds, names) for part in example]
-        make = constant(type(example)) if hasattr(example, "_fields") else ""
-        return f"{make}({', '.join(parts)}{'' if make else ','})"
-    if isinstance(example, complex):
-        return f"complex({parameter(types.float64)}, {parameter(types.float64)})"
-    return parameter(types.float64 if isinstance(example, float) else types.int64)
+        return kind(types.voidptr), code
+
+    return arguments
+
+
+def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
+    """Return the value of a type, of which it takes the next words."""
+    if isinstance(kind, types.BaseTuple):
+        return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in kind])
+    if isinstance(kind, types.Array):
+        address = builder.inttoptr(next(words), ir.IntType(8).as_pointer())
+        lengths = types.UniTuple(types.intp, kind.ndim)
+        shape = context.make_tuple(builder, lengths, [next(words) for _ in range(kind.ndim)])
+        return np_cfarray(context, builder, kind(types.voidptr, lengths), (address, shape))
+    if isinstance(kind, types.Complex):
+        number = context.make_complex(builder, kind)
+        number.real = builder.bitcast(next(words), ir.DoubleType())
+        number.imag = builder.bitcast(next(words), ir.DoubleType())
+        return number._getvalue()
+    return builder.bitcast(next(words), context.get_value_type(kind))
 
 
 def _jit(function: Any, options: dict[str, Any]) -> Any:

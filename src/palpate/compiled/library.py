@@ -13,7 +13,7 @@ import platform
 import re
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -39,14 +39,14 @@ _IMPORT = re.compile(r"^(?:from|import) (palpate[\w.]*)", re.MULTILINE)
 _DIGEST = 32  # bytes of a hash
 
 
-def code_of(compiled: "Compiled", types: Sequence[Any]) -> Callable[..., int]:
-    """Return the code of a function for ctypes, whose arguments have these types of C; it is made if there is none."""
+def code_of(compiled: "Compiled") -> Callable[[bytes], int]:
+    """Return the code of a function, which takes its packed numbers; it is made if there is none."""
     path = path_of(compiled)
     address = _loaded(path, compiled.name) if path else None
     if address is None:
         address = _loaded(make(compiled, cache_folder(), level()), compiled.name)
     assert address is not None, f"the library of {compiled.name} was made and cannot be loaded"
-    return ctypes.CFUNCTYPE(ctypes.c_int64, *types)(address)
+    return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p)(address)
 
 
 def path_of(compiled: "Compiled") -> Path | None:
