@@ -1,6 +1,5 @@
 """The table of statuses: which sign decides where there are several, and what the reason says."""
 
-from dataclasses import replace
 from typing import get_args
 
 import pytest
@@ -30,11 +29,11 @@ def test_the_strongest_sign_decides(strongest):
     status, words, _, _ = SIGNS[strongest]
     pose, stream = KNOWN, InputEvidence()
     for weaker in reversed(SIGNS[strongest:]):
-        pose, stream = replace(pose, **weaker[2]), replace(stream, **weaker[3])
+        pose, stream = pose._replace(**weaker[2]), stream._replace(**weaker[3])
         if weaker is SIGNS[strongest]:
             verdict = decide(Evidence(pose, stream))
             assert verdict.status == status and words in verdict.reason
-    alone = decide(Evidence(replace(KNOWN, **SIGNS[strongest][2]), InputEvidence(**SIGNS[strongest][3])))
+    alone = decide(Evidence(KNOWN._replace(**SIGNS[strongest][2]), InputEvidence(**SIGNS[strongest][3])))
     assert alone.status == status and words in alone.reason and (alone.reason == "") == (status == "tracking")
 
 
@@ -43,47 +42,47 @@ def test_each_status_has_a_row():
 
 
 def test_an_object_that_is_untouched_rests():
-    assert decide(Evidence(replace(KNOWN, in_contact=False))) == ("resting", "")
+    assert decide(Evidence(KNOWN._replace(in_contact=False))) == ("resting", "")
 
 
 def test_an_ambiguous_estimate_says_where_its_poses_come_from():
-    reason = decide(Evidence(replace(KNOWN, ambiguity=TWO_PLACES))).reason
+    reason = decide(Evidence(KNOWN._replace(ambiguity=TWO_PLACES))).reason
     assert reason.endswith("the pose as before (1), a shove (2)")
-    contradicted = decide(Evidence(replace(KNOWN, ambiguity=TWO_PLACES, contradicting_poses=0.012)))
+    contradicted = decide(Evidence(KNOWN._replace(ambiguity=TWO_PLACES, contradicting_poses=0.012)))
     assert contradicted.status == "ambiguous"
     assert "up to 12 mm from the estimate" in contradicted.reason and "a shove (2)" in contradicted.reason
 
 
 def test_an_implausible_variable_of_your_own_is_named():
-    reason = decide(Evidence(replace(KNOWN, implausible=Implausible("stiffness", 12.0)))).reason
+    reason = decide(Evidence(KNOWN._replace(implausible=Implausible("stiffness", 12.0)))).reason
     assert "if stiffness is 12 standard deviations" in reason
 
 
 def test_faults_of_the_stream_are_added_to_the_reason():
     stream = InputEvidence(doubt="another unit?", weakness="frames are slow")
     assert decide(Evidence(KNOWN, stream)) == ("tracking", "another unit?; frames are slow")
-    assert decide(Evidence(replace(KNOWN, ambiguity=TWO_PLACES), stream)).reason.startswith("another unit?; 3 poses")
-    frozen = replace(stream, hidden_motion=4e-3)
+    assert decide(Evidence(KNOWN._replace(ambiguity=TWO_PLACES), stream)).reason.startswith("another unit?; 3 poses")
+    frozen = stream._replace(hidden_motion=4e-3)
     assert "another unit" not in decide(Evidence(KNOWN, frozen)).reason
 
 
 def test_images_whose_orientation_is_open_are_named_where_all_is_well():
-    assert "not yet known" in decide(Evidence(replace(KNOWN, may_images_be_mirrored=True))).reason
-    mirrored = replace(KNOWN, takes_images_as_mirrored=True)
+    assert "not yet known" in decide(Evidence(KNOWN._replace(may_images_be_mirrored=True))).reason
+    mirrored = KNOWN._replace(takes_images_as_mirrored=True)
     assert "upside down or mirrored" in decide(Evidence(mirrored)).reason
-    assert "upside down" not in decide(Evidence(replace(mirrored, is_displaced=True))).reason
+    assert "upside down" not in decide(Evidence(mirrored._replace(is_displaced=True))).reason
 
 
 def test_a_yaw_of_more_than_half_a_turn_is_unknown():
-    rough = replace(KNOWN, is_beyond_tolerance=True)
-    assert "85 degrees" in decide(Evidence(replace(rough, yaw_deviation=0.74))).reason
+    rough = KNOWN._replace(is_beyond_tolerance=True)
+    assert "85 degrees" in decide(Evidence(rough._replace(yaw_deviation=0.74))).reason
     for deviation in (1.6, 3360.0):
-        reason = decide(Evidence(replace(rough, yaw_deviation=deviation))).reason
+        reason = decide(Evidence(rough._replace(yaw_deviation=deviation))).reason
         assert "2 mm" in reason and "unknown" in reason and "degrees" not in reason
 
 
 def test_the_axis_of_motion_is_named_before_images_that_are_turned():
-    mirrored = replace(KNOWN, takes_images_as_mirrored=True)
+    mirrored = KNOWN._replace(takes_images_as_mirrored=True)
     slanted = decide(Evidence(mirrored, InputEvidence(push_angle=0.35))).reason
     assert slanted.startswith("the sensor moves +20 degrees off the x axis") and "upside down" in slanted
     sideways = decide(Evidence(mirrored, InputEvidence(push_angle=1.6, weakness="along y"))).reason

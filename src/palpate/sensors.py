@@ -225,7 +225,7 @@ class OneSensor:
 
     def estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
-        stream = replace(checked.evidence, sunk=self._touch.sunk, turn=self._turn)
+        stream = checked.evidence._replace(sunk=self._touch.sunk, turn=self._turn)
         estimate = _decided(posterior, stream, checked.frame.time)
         return self._correction.at_frame_time(estimate, checked.corrected)
 
@@ -338,7 +338,7 @@ class SeveralFingers:
 
     def estimate(self, checked: CheckedHand, posterior: Posterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
-        stream = replace(checked.evidence, sunk=float(self._gate.sunk.max()))
+        stream = checked.evidence._replace(sunk=float(self._gate.sunk.max()))
         return moved_on(_decided(posterior, stream, checked.frame_time), checked.motion_since)
 
 

@@ -56,8 +56,7 @@ class FrameTurn:
     """True if nothing is turned once images lie the other way."""
 
 
-@dataclass(frozen=True)
-class InputEvidence:
+class InputEvidence(NamedTuple):
     """Signs that the stream of frames is faulty or weak."""
 
     hidden_motion: float = 0.0
@@ -97,8 +96,7 @@ class Implausible(NamedTuple):
     """Distance from its prior [standard deviations]."""
 
 
-@dataclass(frozen=True)
-class PoseEvidence:
+class PoseEvidence(NamedTuple):
     """Signs of how well the pose is known, and of what contradicts it."""
 
     in_contact: bool

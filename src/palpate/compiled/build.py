@@ -155,7 +155,8 @@ def _unpacking(example: tuple[Any, ...]) -> Any:
 def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     """Return the value of a type, of which it takes the next words."""
     if isinstance(kind, types.BaseTuple):
-        return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in kind])
+        parts: Any = kind
+        return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in parts])
     if isinstance(kind, types.Array):
         address = builder.inttoptr(next(words), ir.IntType(8).as_pointer())
         lengths = types.UniTuple(types.intp, kind.ndim)

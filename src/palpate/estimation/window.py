@@ -163,9 +163,9 @@ class Window:
                 changing,
                 ITERATIONS // calls,
             )
-            if not changing.any():
+            if not np.count_nonzero(changing):
                 break
-        if self.rows["is_lost"].all():
+        if np.count_nonzero(self.rows["is_lost"]) == len(self.rows):
             raise EstimationError("the linear system of the window is indeterminate")
 
     def _marginalise(self) -> None:
@@ -176,7 +176,7 @@ class Window:
         self._first += 1
         self._count -= 1
         self._left += 1
-        self._terms = self._terms[np.searchsorted(self._terms[:, 0], self._left) :]
+        self._terms = self._terms[self._terms[:, 0].searchsorted(self._left) :]
 
 
 def _raw(records: NDArray[np.void]) -> NDArray[np.void]:

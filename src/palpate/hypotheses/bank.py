@@ -31,5 +31,5 @@ class HypothesisBank:
 
     def drop_lost(self) -> None:
         """Drop the hypotheses that have no solution."""
-        if self.window is not None and self.window.rows["is_lost"].any():
+        if self.window is not None and np.count_nonzero(self.window.rows["is_lost"]):
             self.take(~self.window.rows["is_lost"])

@@ -8,13 +8,12 @@ Disturbances are tested in `proposals/shove.py`, ambiguity and uncertainty in `p
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.arrays import Array
+from palpate.arrays import Array, changed
 from palpate.config import UNLIKELY, NoiseSettings
 from palpate.geometry import se2
 from palpate.hypotheses.proposals.shove import SHOVE_SIGMA
@@ -114,7 +113,7 @@ class ConsistencyMonitor:
             apart = np.maximum(np.hypot(at_centroid[:, 0], at_centroid[:, 1]), turned_by)
             distance = np.where(deviations > most_deviations, apart, distance)
             most_deviations = np.maximum(deviations, most_deviations)
-        return replace(rows, contradictions=_with_frame(rows.contradictions, _POSES, distance, most_deviations))
+        return changed(rows, contradictions=_with_frame(rows.contradictions, _POSES, distance, most_deviations))
 
     def test_outline(self, rows: Hypotheses, touching: Sequence[Tip], is_measured: bool) -> Hypotheses:
         """Test that the outline is at the contact if the object's pose is measured, or where it was not until now."""
@@ -124,15 +123,16 @@ class ConsistencyMonitor:
         distance = distances[:, 0].max(axis=0)
         deviations = (distances[:, 0] / distances[:, 1]).max(axis=0)
         tested = _with_frame(rows.contradictions, _OUTLINE, distance, deviations)
-        return replace(rows, contradictions=np.where(is_tested[:, None, None], tested, rows.contradictions))
+        return changed(rows, contradictions=np.where(is_tested[:, None, None], tested, rows.contradictions))
 
     def test_variables(self, rows: Hypotheses) -> Hypotheses:
         """Test that the object's variables are plausible; each of their standard deviations may hide one of contact."""
-        deviations = np.abs(self._unusual(rows)).max(axis=1)
-        if deviations.max() <= _IMPLAUSIBLE and not rows.contradictions.any():
+        each = np.abs(self._unusual(rows))
+        if not np.count_nonzero(each > _IMPLAUSIBLE) and not np.count_nonzero(rows.contradictions):
             return rows
+        deviations = each.max(axis=1)
         off = np.where(deviations > _IMPLAUSIBLE, deviations * self._contact_deviation, 0.0)
-        return replace(rows, contradictions=_with_distance(rows.contradictions, _VARIABLES, off))
+        return changed(rows, contradictions=_with_distance(rows.contradictions, _VARIABLES, off))
 
     def least_plausible(self, rows: Hypotheses) -> tuple[str, float]:
         """Return the variable of the best hypothesis that is farthest from its prior, and by how many deviations."""

@@ -7,11 +7,10 @@ which nothing happened is kept. One window solves them all, the weigher compares
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, changed
 from palpate.config import Priors, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
@@ -190,7 +189,7 @@ class MultiHypothesisFilter:
         rows = self._bank.rows
         moved_by = np.where(rows.disturbed_steps_left > 0, max(moved, SHOVE_SIGMA), moved)
         belief = rows.belief.at_next_contact(self._prior)
-        self._bank.rows = replace(
+        self._bank.rows = changed(
             rows,
             belief=belief.inflated(self._monitor.covariance_of_motion(moved_by)),
             log_prior=rows.log_prior - cost_of_contact(window.costs()),
@@ -243,7 +242,7 @@ class MultiHypothesisFilter:
         """
         time = given.times[-1]
         times = [*self._times, time]
-        step = replace(given, measurements=timely(given.measurements, times), times=times)
+        step = changed(given, measurements=timely(given.measurements, times), times=times)
         window = self._bank.window
         try:
             measures_pose = self._begin_contact(step) if window is None else self._continue_contact(step, window)
@@ -295,7 +294,7 @@ class MultiHypothesisFilter:
         doubt = self._monitor.displacement_covariance(rows) + self._monitor.contradiction_covariance(rows)
         displaced = rest.inflated(doubt)
         if self._most == 1:
-            return replace(rows, belief=displaced)
+            return changed(rows, belief=displaced)
         propose = propose_first_contact if self._is_found else propose_rough_start
         return propose(rows, rest, displaced, self._contact_model, step)
 
@@ -313,12 +312,12 @@ class MultiHypothesisFilter:
     def _after_solution(self, step: Step, window: ContactWindow, measures_pose: bool) -> None:
         """Take the solution of a step into the hypotheses, and propose, weigh and reduce them."""
         bank = self._bank
-        bank.rows = replace(
+        bank.rows = changed(
             bank.rows,
             belief=window.belief(),
             disturbed_steps_left=np.maximum(bank.rows.disturbed_steps_left - 1, 0),
         )
-        if measures_pose or bank.rows.contradictions.any():
+        if measures_pose or np.count_nonzero(bank.rows.contradictions):
             touching = self._touching_tips(bank.rows, step)
             bank.rows = self._monitor.test_outline(bank.rows, touching, measures_pose)
         bank.rows = self._monitor.test_variables(bank.rows)
@@ -337,7 +336,7 @@ class MultiHypothesisFilter:
         before = sensor_pose if self._sensor_pose is None else self._sensor_pose
         moved = float(np.hypot(*(sensor_pose - before)[:2]))
         rows = self._bank.rows
-        self._bank.rows = replace(
+        self._bank.rows = changed(
             rows,
             belief=rows.belief.inflated(self._monitor.covariance_of_motion(moved)),
             weight=np.ones(1),
@@ -379,7 +378,7 @@ class MultiHypothesisFilter:
             log_weights = self._weigher.log_weights(bank.rows, window.costs())
             kept, weights = reduced(bank.rows, log_weights, most, self._contact_model)
             bank.take(kept)
-            bank.rows = replace(bank.rows, weight=weights)
+            bank.rows = changed(bank.rows, weight=weights)
         is_single = len(bank) == 1
         if is_single and not bank.rows.is_only_one:
             bank.rows = bank.rows.as_only_one()
@@ -399,7 +398,7 @@ class MultiHypothesisFilter:
         self._may_be_mirrored = False
         self.is_mirrored = is_mirrored
         bank.take(takes_images_as(bank.rows, is_mirrored))
-        bank.rows = replace(bank.rows, weight=bank.rows.weight / bank.rows.weight.sum())
+        bank.rows = changed(bank.rows, weight=bank.rows.weight / bank.rows.weight.sum())
         if is_mirrored and self._contact_model.fingers:
             logger.warning("frame at %.3f s: %s", self._times[-1], EXCHANGED)
 

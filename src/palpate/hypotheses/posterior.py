@@ -122,10 +122,10 @@ def posterior_of(
     known = rows.whole_belief.pose_covariance
     covariances = known + monitor.set_up_covariance
     contradictions = (0.0, 0.0, 0.0)
-    if rows.contradictions.any():
+    if np.count_nonzero(rows.contradictions):
         covariances = covariances + monitor.contradiction_covariance(rows)
         contradictions = contradicting_distances(rows)[0].tolist()
-    if not in_contact and rows.displacement.any():
+    if not in_contact and np.count_nonzero(rows.displacement):
         covariances = covariances + monitor.displacement_covariance(rows)
     covariance = covariances[0]
     ambiguity = None

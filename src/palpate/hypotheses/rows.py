@@ -1,12 +1,12 @@
 """Hypotheses about one object: one row of every array for each, the best first."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import Array, Flags, Integers
+from palpate.arrays import Array, Flags, Integers, changed
 from palpate.estimation.rows import RowArrays
 from palpate.models.pushing.belief import Belief
 from palpate.types.estimate import Origin
@@ -51,7 +51,7 @@ class Hypotheses(RowArrays):
     @property
     def whole_belief(self) -> Belief:
         """Belief with the unobservable yaw."""
-        if not self.unobservable_yaw.any():
+        if not np.count_nonzero(self.unobservable_yaw):
             return self.belief
         return self.belief.inflated(self.unobservable_yaw[:, None, None] * _YAW_ONLY)
 
@@ -81,13 +81,13 @@ class Hypotheses(RowArrays):
         """
         whole = self.whole_belief
         if is_observable:
-            return replace(self, belief=whole, unobservable_yaw=np.zeros(len(self)))
+            return changed(self, belief=whole, unobservable_yaw=np.zeros(len(self)))
         variance = whole.covariance[:, 2, 2]
         held_out = np.maximum(variance - OBSERVABLE_YAW_SIGMA**2, 0.0)
         scale = np.ones(whole.covariance.shape[:2])
         scale[:, 2] = np.where(held_out > 0.0, OBSERVABLE_YAW_SIGMA / np.sqrt(variance), 1.0)
         covariance = whole.covariance * (scale[:, :, None] * scale[:, None, :])
-        return replace(self, belief=replace(whole, covariance=covariance), unobservable_yaw=held_out)
+        return changed(self, belief=changed(whole, covariance=covariance), unobservable_yaw=held_out)
 
     @property
     def is_only_one(self) -> bool:
@@ -96,11 +96,11 @@ class Hypotheses(RowArrays):
 
     def as_only_one(self) -> "Hypotheses":
         """Return a single hypothesis that is left as one that nothing else competes with."""
-        return replace(self, weight=np.ones(1), log_prior=np.zeros(1), origin=origins(1, "as before"))
+        return changed(self, weight=np.ones(1), log_prior=np.zeros(1), origin=origins(1, "as before"))
 
     def displaced(self, least: Array) -> "Hypotheses":
         """Return the same with objects that have moved by at least these distances (B,) [m]."""
-        return replace(self, displacement=np.maximum(self.displacement, least))
+        return changed(self, displacement=np.maximum(self.displacement, least))
 
 
 def single_hypothesis(belief: Belief, touch_sign: float) -> Hypotheses:

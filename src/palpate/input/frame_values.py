@@ -1,11 +1,10 @@
 """Values of a frame: each is checked by itself, and the error names the one that cannot be used."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, changed
 from palpate.checks import FARTHEST
 from palpate.errors import FileError, FrameError, PalpateError
 from palpate.models.pushing.own_measurements import check_own
@@ -48,13 +47,13 @@ def with_checked_values(frame: Any, measurements: Any, tips: int) -> Frame:
     # NaN where a camera loses the object.
     object_pose = None if frame.object_pose is None else planar(when, frame.object_pose)
     _check_contact(when, frame)
-    if sensor_pose is None or (np.abs(sensor_pose) > FARTHEST).any():
+    if sensor_pose is None or max(map(abs, sensor_pose.tolist())) > FARTHEST:
         allowed = f"three finite numbers x [m], y [m], theta [rad], up to {FARTHEST:g}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
     check_image(when, frame.image)
     own = checked_measurements(time, frame.measurements, tips)
     added = checked_measurements(time, measurements, tips)
-    return replace(
+    return changed(
         frame,
         time=time,
         sensor_pose=sensor_pose,

@@ -2,10 +2,9 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple, Protocol
 
-from palpate.arrays import Array, Image
+from palpate.arrays import Array, Image, changed
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FrameError, SettingError
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
@@ -124,7 +123,7 @@ class InputGate:
         was_in_contact = self.last is not None and bool(self.last.contact)
         return CheckedFrame(
             corrected=corrected,
-            frame=frame if seen.image is None else replace(frame, image=seen.image, contact=in_contact),
+            frame=frame if seen.image is None else changed(frame, image=seen.image, contact=in_contact),
             is_first=self.last is None,
             ends_contact=was_in_contact and (motion.was_unobserved or not in_contact),
             unobserved_push=motion.possible_push if motion.was_unobserved else unseen_push,
