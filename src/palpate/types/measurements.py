@@ -27,14 +27,21 @@ class TouchMeasurement(Measurement):
     def __post_init__(self) -> None:
         for name, given in tuple(vars(self).items()):
             value = finite_number(given)
-            stated = f"{type(self).__name__} has {name} {given!r}"
-            if value is None or (name == "variance" and not value > 0.0):
-                raise EstimationError(f"{stated}; its numbers must be finite, the variance above 0")
-            if name == "angle" and abs(value) > TURNS:
-                raise EstimationError(f"{stated}; it must be in radians, up to two turns: are these degrees?")
-            if name == "place" and abs(value) > 1.0:
-                raise EstimationError(f"{stated}; it must be in metres: are these millimetres?")
+            allowed = _allowed_of_touch(name, value)
+            if allowed:
+                raise EstimationError(f"{type(self).__name__} has {name} {given!r}; {allowed}")
             object.__setattr__(self, name, value)
+
+
+def _allowed_of_touch(name: str, value: float | None) -> str:
+    """Return what is allowed for a number of a measurement by touch, in words; empty if it is that."""
+    if value is None or (name == "variance" and not value > 0.0):
+        return "its numbers must be finite, the variance above 0"
+    if name == "angle" and abs(value) > TURNS:
+        return "it must be in radians, up to two turns: are these degrees?"
+    if name == "place" and abs(value) > 1.0:
+        return "it must be in metres: are these millimetres?"
+    return ""
 
 
 @dataclass(frozen=True)
