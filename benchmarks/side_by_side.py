@@ -2,9 +2,9 @@
 
 Each row is a number of the committed build, that of the checkout, and their ratio:
 
-- one-answer, eight-answers, rest, from-jpeg: processor time of `Tracker.update` [ms], median and 99th percentile over
-  frames; of each frame the least of all rounds counts, as other work on the machine only adds to it. The recordings are
-  those of `step`.
+- one-answer, eight-answers, rest, from-jpeg, graph: processor time of `Tracker.update` [ms], median and 99th percentile
+  over frames; of each frame the least of all rounds counts, as other work on the machine only adds to it. The
+  recordings are those of `step`.
 - first-image: memory of a process after its first estimate from an image [MB].
 - start: processor time from the start of a process to that estimate [s], with compiled code at hand.
 - first-ever-start: the same where nothing is compiled yet.
@@ -18,15 +18,16 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from palpate import DIGIT, Recording, Rectangle
+from palpate import DIGIT, ContactDirection, Frame, Measurement, Recording, Rectangle, Turn
 from palpate_lab.simulate.recordings import Simulation
 
 ROOT = Path(__file__).parents[1]
@@ -34,6 +35,15 @@ WORKER = Path(__file__).with_name("worker.py")
 SHAPE = Rectangle(0.2363, 0.1579)
 FRAMES = 450
 Row = dict[str, str | float]
+
+
+class Contact(NamedTuple):
+    """A contact without images, for the graph alone."""
+
+    first_pose: NDArray[np.float64]
+    """world_T_object at the start, (3,) [m, m, rad]."""
+    frames: Sequence[tuple[Frame, tuple[Measurement, ...]]]
+    """Frames, each with a direction and a turn."""
 
 
 class Build:
@@ -77,8 +87,8 @@ class Build:
 
 
 @contextmanager
-def builds(commit: str) -> Iterator[tuple[Build, Build]]:
-    """Open a committed build and that of the checkout, both on the same recordings."""
+def builds(commit: str, contact: Contact) -> Iterator[tuple[Build, Build]]:
+    """Open a committed build and that of the checkout, both on the same recordings and the same contact."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         packed = subprocess.run(["git", "archive", commit, "src"], cwd=ROOT, capture_output=True)
@@ -89,6 +99,7 @@ def builds(commit: str) -> Iterator[tuple[Build, Build]]:
         for name, hypotheses in (("one", 1), ("eight", 8)):
             given = Simulation(SHAPE, "rectangle-edges", 2, FRAMES / DIGIT.rate, knocks=hypotheses > 1).run()
             write(folder / name, given, hypotheses)
+        write_contact(folder / "graph", contact)
         both = (Build(folder / "old/src", folder, folder / "cache-old"), Build(ROOT / "src", folder, folder / "cache"))
         try:
             yield both
@@ -114,6 +125,19 @@ def write(folder: Path, given: Recording, hypotheses: int) -> None:
     (folder / "recording.pickle").write_bytes(pickle.dumps(case))
 
 
+def write_contact(folder: Path, contact: Contact) -> None:
+    """Write a contact without images as numbers, which both builds can read."""
+    frames: list[tuple[float, Any, tuple[float, float], tuple[float, float]]] = []
+    for frame, (direction, turn) in contact.frames:
+        assert isinstance(direction, ContactDirection)
+        assert isinstance(turn, Turn)
+        measured = (direction.angle, direction.variance), (turn.angle, turn.variance)
+        frames.append((frame.time, frame.sensor_pose, *measured))
+    folder.mkdir()
+    case = {"size": (SHAPE.size_x, SHAPE.size_y), "first_pose": contact.first_pose, "frames": frames}
+    (folder / "contact.pickle").write_bytes(pickle.dumps(case))
+
+
 def measured(build: Build) -> dict[str, float]:
     """Return the numbers of a build that need processes of their own, with no compiled code so far."""
     first_ever = build.measure_anew("start")
@@ -123,7 +147,7 @@ def measured(build: Build) -> dict[str, float]:
 
 def times(pair: tuple[Build, Build], rounds: int) -> Iterator[dict[str, float]]:
     """Yield the times of frames of both builds [ms], measured in turns."""
-    cases = ("one", "eight", "jpeg")
+    cases = ("one", "eight", "jpeg", "graph")
     found: list[dict[str, list[Any]]] = [{case: [] for case in cases} for _ in pair]
     for _ in range(rounds + 1):
         for case in cases:
@@ -135,6 +159,7 @@ def times(pair: tuple[Build, Build], rounds: int) -> Iterator[dict[str, float]]:
             **percentiles("rest", results["one"], lambda one: ~one["contact"]),
             **percentiles("eight-answers", results["eight"], lambda one: one["contact"] & (one["answers"] > 1)),
             **percentiles("from-jpeg", results["jpeg"], lambda one: one["contact"]),
+            **percentiles("graph", results["graph"], lambda one: one["contact"]),
         }
 
 
@@ -146,9 +171,9 @@ def percentiles(name: str, rounds: list[Any], chosen: Any) -> dict[str, float]:
     return {f"{name}_p50_ms": median, f"{name}_p99_ms": p99}
 
 
-def compared(commit: str, rounds: int) -> list[Row]:
+def compared(commit: str, rounds: int, contact: Contact) -> list[Row]:
     """Return the numbers of a committed build and of the checkout, each recording tracked so many times by each."""
-    with builds(commit) as pair:
+    with builds(commit, contact) as pair:
         found = [measured(build) for build in pair]
         for numbers, more in zip(found, times(pair, rounds), strict=True):
             numbers.update(more)

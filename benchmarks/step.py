@@ -30,7 +30,7 @@ import numpy as np
 from gtsam_graphs import NativeGraph, PlainGraph
 from limit_surface import Steering, push
 from numpy.typing import NDArray
-from side_by_side import compared
+from side_by_side import Contact, compared
 from threadpoolctl import threadpool_limits
 
 from palpate import DIGIT, ContactDirection, Frame, Measurement, Rectangle, Tracker, TrackerSettings, Turn
@@ -122,10 +122,7 @@ def with_images() -> Iterator[Timing]:
 
 def graphs() -> Iterator[Timing]:
     """Time the graph alone, and those in GTSAM, on one contact drawn from the estimator's model."""
-    first = np.array([[-0.5 * SHAPE.size_x, 0.01, 0.0]])
-    objects, sensors = push(MODEL, np.zeros((1, 3)), first, FRAMES - 1, Steering())
-    objects = objects[:, 0]
-    sensors = sensors[:, 0]
+    objects, sensors = contact()
     settings = replace(TrackerSettings("none"), hypotheses=1)
 
     def tracker() -> Callable[[Given], object]:
@@ -136,6 +133,13 @@ def graphs() -> Iterator[Timing]:
     steps = list(zip(objects, sensors, strict=True))
     yield Timing("gtsam-native", *timed(lambda: NativeGraph().update, steps)[:2])
     yield Timing(REFERENCE, *timed(lambda: PlainGraph(MODEL, objects[0]).update, steps)[:2])
+
+
+def contact() -> tuple[Array, Array]:
+    """Return the poses (FRAMES, 3) of object and sensor in one contact drawn from the estimator's model."""
+    first = np.array([[-0.5 * SHAPE.size_x, 0.01, 0.0]])
+    objects, sensors = push(MODEL, np.zeros((1, 3)), first, FRAMES - 1, Steering())
+    return objects[:, 0], sensors[:, 0]
 
 
 def felt(objects: Array, sensors: Array) -> Iterator[Given]:
@@ -174,7 +178,9 @@ def main() -> int:
     if arguments.rounds < 1:
         parser.error(f"--rounds is {arguments.rounds}; allowed is 1 or more")
     if arguments.against:
-        show(compared(arguments.against, arguments.rounds), arguments.json)
+        objects, sensors = contact()
+        without_images = Contact(objects[0], list(felt(objects, sensors)))
+        show(compared(arguments.against, arguments.rounds, without_images), arguments.json)
         return 0
     with threadpool_limits(1):
         timings = [*with_images(), *graphs()]

@@ -2,7 +2,7 @@
 
 Reads the name of a case a line and writes its result as JSON a line. Only what old builds have as well is used.
 
-- one, eight, jpeg: processor time [ms] of each `Tracker.update`, with contact and the number of answers.
+- one, eight, jpeg, graph: processor time [ms] of each `Tracker.update`, with contact and the number of answers.
 - start: processor time [s] from the start of this process to its first estimate, and its memory then [MB].
 - threads: frames a second of two trackers in two threads over those of one.
 """
@@ -59,6 +59,23 @@ def steps(folder: Path, encoded: bool = False) -> dict[str, list[float]]:
     return found
 
 
+def graph(folder: Path) -> dict[str, list[float]]:
+    """Return the same as `steps` of a contact without images, of which direction and turn are given."""
+    from palpate import DIGIT, ContactDirection, Frame, Rectangle, Tracker, TrackerSettings, Turn
+
+    given = pickle.loads((folder / "contact.pickle").read_bytes())
+    one = Tracker(Rectangle(*given["size"]), DIGIT, given["first_pose"], TrackerSettings("none", hypotheses=1))
+    count = len(given["frames"])
+    found: dict[str, list[float]] = {"ms": [], "contact": count * [1.0], "answers": count * [1.0]}
+    for when, pose, direction, turn in given["frames"]:
+        frame = Frame(when, pose, contact=True)
+        measured = (ContactDirection(*direction), Turn(*turn))
+        begin = time.process_time()
+        one.update(frame, measured)
+        found["ms"].append(1e3 * (time.process_time() - begin))
+    return found
+
+
 def start(folder: Path) -> dict[str, float]:
     """Return what this process has taken up to its first estimate."""
     one = tracker(folder)
@@ -97,6 +114,7 @@ def main() -> None:
         "one": lambda: steps(folder / "one"),
         "eight": lambda: steps(folder / "eight"),
         "jpeg": lambda: steps(folder / "one", encoded=True),
+        "graph": lambda: graph(folder / "graph"),
         "start": lambda: start(folder / "one"),
         "threads": lambda: threads(folder / "one"),
     }

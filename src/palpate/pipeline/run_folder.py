@@ -104,7 +104,9 @@ def write_files(
         write_tum(online.time, online.pose, folder / TRAJECTORY, space)
         if np.isfinite(run.recording.truth).any():
             write_tum(run.recording.time, run.recording.truth, folder / TRUTH, space)
-    draw(folder / "figure.png", lambda file: run_figure(run).savefig(file, format="png", dpi=120))
+    # Packed quickly, as it is a tenth larger then and takes two thirds of the time.
+    quickly = {"compress_level": 1}
+    draw(folder / "figure.png", lambda file: run_figure(run).savefig(file, format="png", dpi=120, pil_kwargs=quickly))
     if recording_file is None:
         write_recording(run.recording, folder / RECORDING)
     # Last of all, as a folder with a summary counts as whole.
