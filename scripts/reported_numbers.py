@@ -254,6 +254,7 @@ def speed() -> Iterator[Row]:
         "eight-answers_p50_ms": "several hypotheses [ms]",
         "eight-answers_p99_ms": "the same, 99th percentile [ms]",
         "answers_in_eight": "their mean number",
+        "graph_p50_ms": "the graph alone, without images [ms]",
         "first-image_mb": "memory at the first image [MB]",
         "start_s": "start to the first estimate [s]",
         "first-ever-start_s": "the same, before anything is compiled [s]",
@@ -261,7 +262,7 @@ def speed() -> Iterator[Row]:
     }
     content = loaded("docs/study/speed.json")
     found = {row["name"]: row for row in (*content["cases"], *content["more_rounds"])}
-    yield from ({**found[key], "name": name} for key, name in names.items())
+    yield from ({**found[key], "name": name} for key, name in names.items() if key in found)
 
 
 def long_runs() -> Iterator[Row]:
