@@ -103,8 +103,11 @@ def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
     means = np.empty((3, rows, columns), np.float32)
     weights = np.empty((columns, width // columns + 2), np.float32)
     bounds = np.empty((2, columns), np.int64)
-    write = _area_means_of_pixels if lines.dtype == np.uint8 else _area_means_of_levels
-    write(lines, weights, bounds, np.empty(3 * width, np.float32), means)
+    are_pixels = lines.dtype == np.uint8
+    are_rows_whole = are_pixels and height % rows == 0 and 255 * (height // rows) <= np.iinfo(np.uint16).max
+    sums = np.empty(3 * width if are_rows_whole else 0, np.uint16)
+    write = _area_means_of_pixels if are_pixels else _area_means_of_levels
+    write(lines, weights, bounds, sums, np.empty(3 * width, np.float32), means)
     return means.transpose(1, 2, 0)
 
 
@@ -170,11 +173,34 @@ _PLANE = np.zeros((1, 1))  # examples of arrays that compiled functions take
 _LEVELS = np.zeros((1, 1, 1), np.float32)
 
 
-def _put_area_means(lines: Records, weights: Levels, bounds: Integers, line: Levels, out: Levels) -> None:
+@kernel
+def _put_sum_of_rows(lines: Records, top: float, bottom: float, line: Levels) -> None:
+    """Write the sum (3 width,) of the rows of pixels between two heights, those at the borders in part."""
+    line[:] = np.float32(0.0)
+    for y in range(int(top), min(math.ceil(bottom - 1e-9), len(lines))):
+        weight = np.float32(min(y + 1.0, bottom) - max(float(y), top))
+        for i in range(len(line)):  # one long loop, which the compiler turns into vector instructions
+            line[i] += weight * np.float32(lines[y, i])
+
+
+@kernel
+def _put_sum_of_whole_rows(lines: Records, first: int, beyond: int, sums: Records, line: Levels) -> None:
+    """Write the same of whole rows, which are summed as whole numbers in half the time."""
+    sums[:] = 0
+    for y in range(first, beyond):
+        for i in range(len(sums)):
+            sums[i] += np.uint16(lines[y, i])
+    for i in range(len(sums)):
+        line[i] = np.float32(sums[i])
+
+
+def _put_area_means(
+    lines: Records, weights: Levels, bounds: Integers, sums: Records, line: Levels, out: Levels
+) -> None:
     """Write the means (3, rows, columns) over areas: first down each column of pixels, then along the row of sums.
 
-    `lines` (height, 3 width) are the pixels; `weights` (columns, pixels of an area), `bounds` (2, columns) and `line`
-    (3 width,) are room.
+    `lines` (height, 3 width) are the pixels; `weights` (columns, pixels of an area), `bounds` (2, columns), `sums` and
+    `line` (3 width,) are room. There are `sums` where areas have whole rows of pixels alone.
     """
     _, rows, columns = out.shape
     height = len(lines)
@@ -192,13 +218,10 @@ def _put_area_means(lines: Records, weights: Levels, bounds: Integers, line: Lev
             weight = (min(x + 1.0, right) - max(float(x), left)) / (area_height * area_width)
             weights[column, x - first[column]] = np.float32(weight)
     for row in range(rows):
-        top = row * area_height
-        bottom = (row + 1) * area_height
-        line[:] = np.float32(0.0)
-        for y in range(int(top), min(math.ceil(bottom - 1e-9), height)):
-            weight = np.float32(min(y + 1.0, bottom) - max(float(y), top))
-            for i in range(3 * width):  # one long loop, which the compiler turns into vector instructions
-                line[i] += weight * np.float32(lines[y, i])
+        if len(sums):
+            _put_sum_of_whole_rows(lines, row * (height // rows), (row + 1) * (height // rows), sums, line)
+        else:
+            _put_sum_of_rows(lines, row * area_height, (row + 1) * area_height, line)
         for column in range(columns):
             # Three sums side by side: an addition to one need not wait for the last addition to another.
             red = np.float32(0.0)
@@ -214,7 +237,7 @@ def _put_area_means(lines: Records, weights: Levels, bounds: Integers, line: Lev
             out[2, row, column] = blue
 
 
-_ROOM = (np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int64), np.zeros(1, np.float32))
+_ROOM = (np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int64), np.zeros(1, np.uint16), np.zeros(1, np.float32))
 _area_means_of_pixels = compiled(np.zeros((1, 1), np.uint8), *_ROOM, _LEVELS, name="means_of_pixels")(_put_area_means)
 _area_means_of_levels = compiled(np.zeros((1, 1), np.float32), *_ROOM, _LEVELS, name="means_of_levels")(_put_area_means)
 
