@@ -38,6 +38,9 @@ from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
 from .types.measurements import Turn as Turn
+from .types.outline import Outline as Outline
+from .types.outline import Sketch as Sketch
+from .types.outline import Unknown as Unknown
 from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI
 from .types.sensor import POINT as POINT

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
+from palpate.cli.learnt_outline import LearntOutline
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
 from palpate.cli.quantities import TIME, quantities
 from palpate.cli.sources import Source
@@ -68,6 +69,7 @@ def track(
     bag: Bag = Bag(),
     tables: TableChoices = TableChoices(),
     episode: Annotated[int, arg("N")] = 0,
+    outline: LearntOutline = LearntOutline(),
     out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None,
     files_of_run: RunFiles = RunFiles(),
     workers: Annotated[int, arg("N")] = 1,
@@ -104,7 +106,7 @@ def track(
     table = read_first_poses(first_poses) if first_poses else None
     source = Source(bag, tables, episode)
     settings = estimator.settings(touch.tactile, touch.markers)
-    way = Way(settings, start, source, model, unit, table)
+    way = Way(settings, start, source, model, unit, table, outline.of(bag))
     outputs = files_of_run.outputs(force)
     jobs = [(file, _folder_of(file, out, is_only=len(files) == 1)) for file in files]
     if len(files) == 1 and not resume:
