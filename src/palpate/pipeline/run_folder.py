@@ -103,7 +103,7 @@ def write_files(
     }
     write_estimates_csv(online, folder / "estimates.csv", run.answers)
     if MCAP in names:
-        write_estimates_mcap(online, folder / MCAP, space, run.answers)
+        write_estimates_mcap(online, folder / MCAP, space, run.answers, run.outlines)
     if TRAJECTORY in names:
         write_tum(online.time, online.pose, folder / TRAJECTORY, space)
         if np.isfinite(run.recording.truth).any():

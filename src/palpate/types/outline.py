@@ -118,6 +118,10 @@ class Outline:
         return np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
 
     def edges(self) -> tuple[Array, Array]:
-        """Return the inner and the outer edge of the 95 % band, (N, 2) [m] each."""
-        across = 1.96 * self.deviation[:, None] * self.normals
-        return self.points - across, self.points + across
+        """Return the inner and the outer edge of the 95 % band, (N, 2) [m] each; they do not cross the origin."""
+        radius = np.hypot(self.points[:, 0], self.points[:, 1])
+        outward = self.points / radius[:, None]
+        slant = np.maximum((outward * self.normals).sum(axis=1), 0.3)  # of the outline to the ray
+        reach = 1.96 * self.deviation / slant
+        inner = np.maximum(radius - reach, 0.0)
+        return inner[:, None] * outward, (radius + reach)[:, None] * outward
