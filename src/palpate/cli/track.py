@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
-from palpate.cli.learnt_outline import LearntOutline
+from palpate.cli.learnt_outline import LearntOutline, read_for
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
 from palpate.cli.quantities import TIME, quantities
 from palpate.cli.sources import Source
@@ -203,6 +203,7 @@ def live(
     start: Start = Start(),
     touch: Touch = Touch(),
     bag: Bag = Bag(),
+    outline: LearntOutline = LearntOutline(),
 ) -> Report:
     """Track as it happens: the newest image with the sensor's pose at its time; Ctrl-C ends it.
 
@@ -233,9 +234,9 @@ def live(
     load_estimator()  # before images come
     with ExitStack() as stack:
         if replay is None:
-            setting = _live_setting(stack, str(camera), str(poses), start, bag)
+            setting = _live_setting(stack, str(camera), str(poses), start, bag, outline.of(bag))
         else:
-            setting = _replay_setting(replay, start, bag)
+            setting = _replay_setting(replay, start, bag, outline.of(bag))
         sources = setting.sources
         settings = palpate.TrackerSettings(touch.tactile, markers=touch.markers)
         options: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
@@ -270,21 +271,28 @@ class _LiveSetting:
     name: str
     """Name of the sources for people."""
     sources: "Sources"
-    shape: "palpate.Shape"
+    shape: "palpate.Shape | palpate.Unknown | palpate.Sketch"
     first_pose: Any
-    """world_T_object at the start, (3,) [m, m, rad]."""
+    """world_T_object at the start, (3,) [m, m, rad]; None if the first contact makes it."""
     first_pose_sigma: Any
     """Standard deviations of the first pose; None for the default."""
 
 
-def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: Bag) -> _LiveSetting:
+def _live_setting(
+    stack: ExitStack,
+    camera: str,
+    poses: str,
+    start: Start,
+    bag: Bag,
+    outline: "palpate.Unknown | palpate.Sketch | None",
+) -> _LiveSetting:
     """Open a camera and a source of poses, which the stack closes. Raises SettingError on missing or wrong options."""
     from palpate.live.camera import camera_sources, hand_sources
     from palpate.types.hand import by_finger
     from palpate.types.sensor_file import known_sensor
 
     first, sigma = start.pose_and_sigma()
-    if bag.shape is None or first is None:
+    if bag.shape is None or (first is None and not isinstance(outline, palpate.Unknown)):
         raise SettingError("--camera needs --shape NAME|AxB|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
     given = Bag(bag.shape, bag.shape_unit, bag.shape_layer, bag.sensor, bag.mounts, BagOptions(**placement))
@@ -292,7 +300,7 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
         names = ("shape", "shape_unit", "shape_layer", "sensor", "mounts", *placement)
         words = ", ".join(f"--{name.replace('_', '-')}" for name in names)
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
-    shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
+    shape = outline or palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
     hand = bag.hand(camera)
     with progress_bar("looking for images and poses"):
         if hand is None:
@@ -303,13 +311,15 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
     return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)
 
 
-def _replay_setting(file: Path, start: Start, bag: Bag) -> _LiveSetting:
+def _replay_setting(
+    file: Path, start: Start, bag: Bag, outline: "palpate.Unknown | palpate.Sketch | None"
+) -> _LiveSetting:
     """Return a recording as sources that play it in real time."""
     from palpate.live.sources import replayed
-    from palpate.pipeline.track import first_pose_of_recording
+    from palpate.pipeline.track import start_of
 
     given_pose, given_sigma = start.pose_and_sigma()
-    recording = bag.read(file).recording
+    recording = read_for(outline, Source(bag), file).recording
     sources = replayed(recording)
-    first, sigma = first_pose_of_recording(recording, palpate.NoiseSettings(), given_pose, given_sigma)
-    return _LiveSetting(file.name, sources, recording.shape, first, sigma)
+    first, sigma = start_of(recording, palpate.NoiseSettings(), given_pose, given_sigma, outline)
+    return _LiveSetting(file.name, sources, outline or recording.shape, first, sigma)

@@ -90,7 +90,8 @@ class Exploration:
 
     def _gap(self, sensor_pose: Array, known: Explored) -> float:
         """Return the distance of a sensor at a pose (3,) from the outline as it is known [m]."""
-        return float(self._sensor.gaps(sensor_pose[None], known.pose[None], known.outline.shape)[0])
+        centers = se2.transform(se2.between(known.pose, sensor_pose), self._sensor.round_centers)
+        return float(known.outline.signed_distance(centers).min()) - self._sensor.radius
 
 
 def _unit(angle: float) -> Array:

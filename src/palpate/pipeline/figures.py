@@ -111,7 +111,9 @@ def draw_from_above(axes: "Axes", run: Run) -> None:
         label = "" if index else "sensor (dotted: no contact)"
         axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label=label)
     frames = np.linspace(0, len(online) - 1, 12).astype(int)
-    if run.outlines:  # before it is touched, an object that nobody drew may have no place
+    if run.outlines:
+        axes.fill([], [], facecolor=ESTIMATE, alpha=0.15, lw=0, label="95 % band of the outline")
+        # Before it is touched, an object that nobody drew may have no place.
         frames = frames[[not is_unknown(yaw) for yaw in np.sqrt(online.covariance[frames, 2, 2])]]
     ellipses = ellipses_95(online.pose[frames], online.covariance[frames])
     lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps

@@ -102,7 +102,7 @@ def track(
         )
     total = len(recording)
     settings = settings or TrackerSettings()
-    first, sigma = _start(recording, settings.noise, first_pose, first_pose_sigma, outline)
+    first, sigma = start_of(recording, settings.noise, first_pose, first_pose_sigma, outline)
     _check_content(recording, settings.tactile)
     check_calibrations(recording, calibration)
     warm_up(compiled_model_of(len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
@@ -149,7 +149,7 @@ def track(
     return run
 
 
-def _start(
+def start_of(
     recording: Recording,
     noise: NoiseSettings,
     given: ArrayLike | None,

@@ -117,6 +117,20 @@ class Outline:
         along = np.roll(self.points, -1, axis=0) - np.roll(self.points, 1, axis=0)
         return np.column_stack((along[:, 1], -along[:, 0])) / np.hypot(along[:, 0], along[:, 1])[:, None]
 
+    def signed_distance(self, points: Array) -> Array:
+        """Return the distance (P,) [m] of points (P, 2) from the outline, negative inside."""
+        start = self.points
+        side = np.roll(start, -1, axis=0) - start
+        from_start = points[:, None] - start
+        along = np.clip((from_start * side).sum(axis=2) / np.square(side).sum(axis=1), 0.0, 1.0)
+        distance = np.hypot(*np.moveaxis(from_start - along[..., None] * side, 2, 0)).min(axis=1)
+        angle = np.arctan2(points[:, 1], points[:, 0])
+        width = 2.0 * math.pi / len(start)
+        first = np.floor(angle / width).astype(int) % len(start)  # of the side that the ray through a point meets
+        x, y = np.moveaxis(points - start[first], 1, 0)
+        is_inside = side[first, 0] * y - side[first, 1] * x > 0.0
+        return np.where(is_inside, -distance, distance)
+
     def edges(self) -> tuple[Array, Array]:
         """Return the inner and the outer edge of the 95 % band, (N, 2) [m] each; they do not cross the origin."""
         radius = np.hypot(self.points[:, 0], self.points[:, 1])
