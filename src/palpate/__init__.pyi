@@ -6,6 +6,8 @@ from .errors import FrameError as FrameError
 from .errors import PalpateError as PalpateError
 from .errors import SettingError as SettingError
 from .errors import ShapeError as ShapeError
+from .exploring.next_push import NextPush as NextPush
+from .exploring.next_push import next_push as next_push
 from .geometry.shapes import Disc as Disc
 from .geometry.shapes import Ellipse as Ellipse
 from .geometry.shapes import Polygon as Polygon

@@ -50,8 +50,9 @@ class Explorer:
             self._pose = se2.compose(frame.sensor_pose, self._held)
             x, y, _ = se2.between(self._pose, frame.sensor_pose).tolist()
             places = len(self._touched)
-            self._touched[round(np.arctan2(y, x) * places / (2.0 * np.pi)) % places] = True
-        outline = Outline(self._usual.points, self._usual.deviation, self._touched.copy())
+            self._touched[(round(np.arctan2(y, x) * places / (2.0 * np.pi)) + np.arange(-3, 4)) % places] = True
+        deviation = np.where(self._touched, 1e-3, self._usual.deviation)
+        outline = Outline(self._usual.points, deviation, self._touched.copy())
         length, _ = self._settings.tolerance
         form = form_evidence(outline, self._given, length, self._has_directions)
         evidence = pose_evidence(self._covariance, bool(frame.contact), self._settings.tolerance, form)
