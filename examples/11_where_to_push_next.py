@@ -14,14 +14,12 @@ tracker = palpate.Tracker(palpate.Unknown((0.05, 0.2)), "digit", None, palpate.T
 def touch(side: float, start: float) -> palpate.Estimate:
     """Return the estimate after a third of a second of contact at the side at this angle [rad], head on."""
     outward = np.array((np.cos(side), np.sin(side)))
-    for step in range(12):
-        touches = step < 10
-        place = (RADIUS - 3e-4 if touches else RADIUS + 0.05) * outward
-        measured = (palpate.ContactDirection(0.0, 0.02**2),) if touches else ()
-        pose = np.array((*place, side + np.pi))
-        frame = palpate.Frame(start + step / 30.0, pose, contact=touches, measurements=measured)
-        estimate = tracker.update(frame)
-    return estimate
+    measured = (palpate.ContactDirection(0.0, 0.02**2),)
+    for step in range(10):
+        pose = np.array((*(RADIUS - 3e-4) * outward, side + np.pi))
+        tracker.update(palpate.Frame(start + step / 30.0, pose, contact=True, measurements=measured))
+    away = np.array((*(RADIUS + 0.05) * outward, side + np.pi))
+    return tracker.update(palpate.Frame(start + 0.4, away, contact=False))
 
 
 side = 0.0

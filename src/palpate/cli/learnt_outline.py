@@ -105,5 +105,8 @@ def outline(
         "sigma_mm": 1e3 * learnt.sigma,
         "touched_share": float(learnt.touched.mean()),
     }
-    note = f"next time: --shape {out} --outline-sigma {1e3 * learnt.sigma:.1f}mm"
-    return Report(out.name, data, notes=[note])
+    notes = [f"next time: --shape {out} --outline-sigma {1e3 * learnt.sigma:.1f}mm"]
+    if out.suffix.lower() == ".svg":
+        x, y = 1e3 * learnt.shape.centroid
+        notes.append(f"an SVG is put about its centroid, {x:.1f}, {y:.1f} mm in the run's object frame; .json keeps it")
+    return Report(out.name, data, notes=notes)

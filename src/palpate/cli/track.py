@@ -192,14 +192,23 @@ def ros2(*words: str) -> int:
     return main(words)
 
 
+@dataclass(frozen=True)
+class Session:
+    """The length of a live session, and its recording."""
+
+    seconds: Annotated[float | None, quantities("--seconds", "S", TIME), arg("S", "until Ctrl-C")] = None
+    """End after this time [s]."""
+    record: Annotated[Path | None, arg("OUT.mcap", "none")] = None
+    """Record images, sensor poses and estimates; a kill loses at most the last second."""
+    force: Force = False
+
+
 def live(
     *,
     camera: Annotated[str | None, arg("N|PATH", "none; or --replay")] = None,
     poses: Annotated[str | None, arg("udp:PORT", "none; --camera needs it")] = None,
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
-    record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
-    seconds: Annotated[float | None, quantities("--seconds", "S", TIME), arg("S", "until Ctrl-C")] = None,
-    force: Force = False,
+    session: Session = Session(),
     start: Start = Start(),
     touch: Touch = Touch(),
     bag: Bag = Bag(),
@@ -216,20 +225,20 @@ def live(
             with --mounts, left=0,right=1.
         poses: Sensor poses: JSON by UDP on this machine.
         replay: A recording or a bag, played in real time.
-        record: Record images, sensor poses and estimates; a kill loses at most the last second.
-        seconds: End after this time [s].
     """
     from palpate.live.session import LiveSession, recorder, stop_on_signals
     from palpate.pipeline.metrics import pose_words, world_sigma
 
     if touch.tactile == "oracle":
         raise SettingError("--tactile oracle needs ground truth, which is unknown live")
+    record = session.record
+    seconds = session.seconds
     if seconds is not None and not seconds > 0.0:
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if (camera is None) == (replay is None) or (camera is None) != (poses is None):
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
     if record:
-        new_file(record, force)
+        new_file(record, session.force)
     model, unit = touch.load(touch.tactile)
     load_estimator()  # before images come
     with ExitStack() as stack:
@@ -241,9 +250,9 @@ def live(
         settings = palpate.TrackerSettings(touch.tactile, markers=touch.markers)
         options: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
         tracker = palpate.Tracker(setting.shape, sources.sensor, setting.first_pose, settings, model, unit, **options)
-        keep = record and stack.enter_context(recorder(record, setting.shape, sources, force))
+        keep = record and stack.enter_context(recorder(record, setting.shape, sources, session.force))
         stop = stack.enter_context(stop_on_signals())
-        session = LiveSession(tracker, sources, complain)
+        running = LiveSession(tracker, sources, complain)
         bar = stack.enter_context(progress_bar(setting.name))
 
         def listen(item: Any) -> None:
@@ -251,17 +260,17 @@ def live(
                 keep(item)
             if isinstance(item, palpate.Estimate):
                 words = pose_words(item.pose, world_sigma(item.pose, item.covariance))
-                bar(session.counts["tracked"], f"{item.status} {item.reason} {words}")
+                bar(running.counts["tracked"], f"{item.status} {item.reason} {words}")
 
-        session.run(stop, listen, float("inf") if seconds is None else seconds)
+        running.run(stop, listen, float("inf") if seconds is None else seconds)
     notes = [f"recorded: {record}"] if record else []
-    dropped = session.counts["dropped"]
-    if dropped > MOST_DROPPED * session.counts["images"]:
+    dropped = running.counts["dropped"]
+    if dropped > MOST_DROPPED * running.counts["images"]:
         every = f"; {own_command()} track {shlex.quote(str(replay))} takes every image" if replay else ""
         notes.append(
             f"{dropped} images were dropped, as this machine takes longer for a step than there is time{every}"
         )
-    return Report("live", session.summary(), notes=notes)
+    return Report("live", running.summary(), notes=notes)
 
 
 @dataclass(frozen=True, eq=False)

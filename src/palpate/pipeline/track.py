@@ -110,8 +110,7 @@ def track(
         of_fingers = calibration if isinstance(calibration, Mapping) else {}
         unit = None if isinstance(calibration, Mapping) else calibration
         if unit is None:
-            largest = largest_shape(outline) or recording.shape
-            unit = release_after_start(recording, largest, first, sigma, settings.tactile)
+            unit = release_after_start(recording, first, sigma, settings.tactile, largest_shape(outline))
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
         sensor = recording.hand or recording.sensor
