@@ -1,6 +1,8 @@
 """An object that nobody drew is touched from all sides: what a tracker says of its outline, pose and status."""
 
+import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -96,10 +98,36 @@ def test_begin_anew_forgets_the_outline():
     assert np.allclose(outline_of(again).deviation, first.deviation)
 
 
+def test_a_measurement_that_needs_a_known_outline_is_left_out_with_a_warning(caplog):
+    class Own(palpate.OwnMeasurement):
+        on = ("object_pose",)
+
+        def residual(self, pose):
+            return pose
+
+    seen = [replace(frame, measurements=(*frame.measurements, Own())) for frame in touches(sides=1)]
+    mixed = tracked(Unknown(), seen, FIRST)
+    assert [record.message.count("Own") for record in caplog.records] == [1]
+    for one, other in zip(mixed, tracked(Unknown(), touches(sides=1), FIRST), strict=True):
+        assert np.array_equal(one.pose, other.pose)
+
+
+def test_a_copy_of_a_tracker_goes_on_by_itself():
+    seen = touches(sides=3)
+    tracker = tracker_of(Unknown(), FIRST)
+    for frame in seen[:20]:
+        tracker.update(frame)
+    copies = [copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))]
+    last = [[one.update(frame) for frame in seen[20:]][-1] for one in (*copies, tracker)]
+    for one in last[:2]:
+        assert np.array_equal(one.pose, last[2].pose)
+        assert np.array_equal(outline_of(one).deviation, outline_of(last[2]).deviation)
+
+
 def test_estimates_can_be_copied_to_other_processes():
     last = tracked(Unknown(), touches(sides=2))[-1]
-    copy = pickle.loads(pickle.dumps(last))
-    assert np.array_equal(copy.outline.points, outline_of(last).points)
+    sent = pickle.loads(pickle.dumps(last))
+    assert np.array_equal(sent.outline.points, outline_of(last).points)
 
 
 @pytest.mark.parametrize("size", [(0.2, 0.05), (0.0, 0.1), 0.1, (0.05, "wide"), (50.0, 200.0), (0.1, float("nan"))])

@@ -4,6 +4,7 @@ Without a drawing and a first pose, the origin of the object frame is half the m
 its x axis along the direction of that contact.
 """
 
+import logging
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -20,6 +21,8 @@ from palpate.types.measurements import ContactDirection, Frame, Measurement
 from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
+logger = logging.getLogger(__name__)
+
 
 class Exploration:
     """Explores one object: `step` takes a frame and returns what is known of pose and outline."""
@@ -32,6 +35,7 @@ class Exploration:
         self._given = outline
         self._sensor = sensor
         self._explorer = Explorer(outline, sensor, settings)
+        self._left_out: set[str] = set()  # kinds of measurements that were warned of
 
     def begin(self, pose: Array, covariance: Array) -> None:
         """Begin with the object's pose (3,) and its covariance (3, 3); if it is anywhere, the first contact makes it.
@@ -73,9 +77,19 @@ class Exploration:
         """Take a checked frame with all its measurements, by touch and others."""
         if not self._is_placed and frame.contact:
             self._place(frame, measurements)
-        self._last = self._explorer.step(frame, measurements)
+        self._last = self._explorer.step(frame, self._taken(frame, measurements))
         self._sensor_pose = frame.sensor_pose
         return self._last
+
+    def _taken(self, frame: Frame, measurements: Sequence[Measurement]) -> list[Measurement]:
+        """Return the measurements that an explorer takes; the first of another kind is warned of."""
+        taken = [one for one in measurements if isinstance(one, Explorer.takes)]
+        for kind in {
+            type(one).__name__ for one in measurements if not isinstance(one, Explorer.takes)
+        } - self._left_out:
+            self._left_out.add(kind)
+            logger.warning("frame at %.3f s: %s is left out, as the outline is not known", frame.time, kind)
+        return taken
 
     def _place(self, frame: Frame, measurements: Sequence[Measurement]) -> None:
         """Make the object frame by the first contact, whose direction is that of the sensor if touch has none."""

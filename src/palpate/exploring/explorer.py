@@ -13,13 +13,16 @@ from palpate.config import TrackerSettings
 from palpate.exploring.evidence import form_evidence, pose_evidence
 from palpate.exploring.explored import Explored
 from palpate.geometry import se2
-from palpate.types.measurements import ContactDirection, Frame, Measurement, Turn
+from palpate.types.measurements import ContactDirection, Frame, Measurement, TouchMeasurement, Turn
 from palpate.types.outline import Outline, Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
 
 class Explorer:
     """Estimates pose and outline of one object: `step` takes a frame and returns what is known after it."""
+
+    takes: tuple[type[Measurement], ...] = (TouchMeasurement,)
+    """Kinds of measurements that it takes; others are left out with a warning before they come to it."""
 
     def __init__(self, outline: Unknown | Sketch, sensor: SensorProfile, settings: TrackerSettings) -> None:
         """Take what is known of the outline; the sensor; and the settings, with the noise of this sensor unit."""
