@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bag_samples import decoded_by_another, pose_message, pose_times, push_messages, write_bag
 from recording_samples import BLIND, pushed
-from view_samples import imaged_push
+from view_samples import imaged_push, imaged_push_of_hand
 
 import palpate
 
@@ -162,3 +162,25 @@ def test_a_live_session_keeps_that_the_outline_is_unknown(run_palpate, json_of):
     kept = palpate.load_recording("live.mcap")
     palpate.write_recording(kept, "kept.mcap")
     assert not palpate.load_recording("kept.mcap").is_shape_known
+
+
+def test_a_hand_learns_no_outline(fails):
+    palpate.write_recording(imaged_push_of_hand(), "hand.mcap")
+    assert "hand.mcap" in fails("track", "hand.mcap", "--shape", "unknown")
+
+
+def test_a_folder_of_images_needs_no_outline(json_of):
+    push = imaged_push()
+    assert push.image is not None
+    Path("images").mkdir()
+    for number, image in enumerate(push.image):
+        Path(f"images/{number:04}.png").write_bytes(image)
+    rows = [
+        ",".join(map(repr, (time, *pose)))
+        for time, pose in zip(push.time.tolist(), push.sensor_pose.tolist(), strict=True)
+    ]
+    Path("poses.csv").write_text("\n".join(("time,x,y,theta", *rows)) + "\n")
+    Path("small.toml").write_text('name = "small"\nradius = 0.01\nimage_height = 40\nimage_width = 30\n')
+    options = ("--poses", "poses.csv", "--rate", "30", "--sensor", "small.toml", "--tactile", "none")
+    found = json_of("track", "images", *options, "--shape", "unknown")
+    assert found["frames"] == len(push) and not SCORES & found.keys() and found["outline_touched_share"] > 0.0

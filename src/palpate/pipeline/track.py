@@ -103,7 +103,7 @@ def track(
     total = len(recording)
     settings = settings or TrackerSettings()
     first, sigma = start_of(recording, settings.noise, first_pose, first_pose_sigma, outline)
-    _check_content(recording, settings.tactile)
+    _check_content(recording, settings.tactile, outline)
     check_calibrations(recording, calibration)
     warm_up(compiled_model_of(len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
     with kept_warnings() as warnings:
@@ -203,8 +203,12 @@ def _scores_of_estimates(
     }
 
 
-def _check_content(recording: Recording, tactile: TactileChoice) -> None:
-    """Raise SettingError if a recording lacks something that tracking with this source of touch needs."""
+def _check_content(recording: Recording, tactile: TactileChoice, outline: Unknown | Sketch | None) -> None:
+    """Raise SettingError if a recording lacks something that tracking with this source of touch and outline needs."""
+    if outline is not None and recording.hand is not None:
+        raise SettingError(
+            f"{recording.file or 'the recording'}: is of a hand; an outline is learnt by one sensor alone"
+        )
     has_images = recording.image is not None or bool(recording.images)
     lacking = ""
     if not has_images and recording.contact is None:
