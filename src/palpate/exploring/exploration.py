@@ -100,7 +100,8 @@ class Exploration:
         contact = np.array((*(self._sensor.center + self._sensor.radius * _unit(angle)), angle))
         origin = np.array((0.5 * self._given.mean_width, 0.0, 0.0))
         pose = se2.compose(se2.compose(frame.sensor_pose, contact), origin)
-        self._explorer.begin(pose, np.diag(np.square((1e-4, 1e-4, 1e-4))))  # known by its definition
+        known = np.diag(np.square((1e-4, 1e-4, 1e-4)))  # by its definition
+        self._explorer.begin_behind_contact(pose, known)
 
     def _gap(self, sensor_pose: Array, known: Explored) -> float:
         """Return the distance of a sensor at a pose (3,) from the outline as it is known [m]."""
