@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Complex
 from palpate.geometry.shapes import Shape
-
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class _Settings:
 
 
 _SETTINGS = _Settings()
-_ORDERS = np.arange(1, _SETTINGS.harmonics + 1)
+_ORDERS: Array = np.arange(1, _SETTINGS.harmonics + 1).astype(np.float64)
 COEFFICIENTS = 1 + 2 * len(_ORDERS)
 """Number of coefficients of a curve: mean, cosines, sines."""
 
@@ -71,7 +70,7 @@ def deviations_about(sigma: float) -> Array:
 
 def curve_about(shape: Shape, pole: complex, reach: float) -> Array:
     """Return the coefficients (COEFFICIENTS,) of the curve at a distance reach [m] outside of an outline."""
-    angle = np.arange(360) * (2.0 * np.pi / 360)
+    angle: Array = np.arange(360) * np.float64(2.0 * np.pi / 360)
     way = np.exp(1j * angle)
     inside = np.zeros(len(angle))
     outside = np.full(len(angle), 2.0 * shape.extent + reach)
@@ -81,13 +80,13 @@ def curve_about(shape: Shape, pole: complex, reach: float) -> Array:
         is_inside = shape.signed_distance(np.column_stack((points.real, points.imag))) < reach
         inside = np.where(is_inside, middle, inside)
         outside = np.where(is_inside, outside, middle)
-    return np.linalg.lstsq(waves(angle).value, np.log(inside), rcond=None)[0]
+    return np.linalg.lstsq(waves(angle).value, np.log(inside), rcond=None)[0].astype(np.float64)
 
 
 def outline_radii(
-    coefficients: Array, covariance: Array, pole: Array, reach: float, angle: Array
+    coefficients: Array, covariance: Array, pole: Complex, reach: float, angle: Array
 ) -> tuple[Array, Array]:
-    """Return radius and deviation across (B, N) [m] of the outlines inside of B curves, by angles (N,) about the origin.
+    """Return radius and deviation across (B, N) [m] of the outlines in B curves, at angles (N,) about the origin.
 
     `coefficients` are (B, COEFFICIENTS), `covariance` theirs, `pole` (B,) is complex [m] in the object frame, and
     `reach` is the distance of the curve from the outline.

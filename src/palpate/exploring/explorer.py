@@ -17,7 +17,7 @@ from palpate.exploring.curve import outline_radii
 from palpate.exploring.evidence import form_evidence, pose_evidence
 from palpate.exploring.explored import Explored
 from palpate.exploring.observing import observe
-from palpate.exploring.pushing import Push, begin_contact, move
+from palpate.exploring.pushing import Push, begin_contact, carry, move
 from palpate.exploring.rows import CENTER, CURVE, Place, Rows
 from palpate.exploring.start import rows_about_origin, rows_behind_contact
 from palpate.geometry import se2
@@ -74,18 +74,16 @@ class Explorer:
     def __init__(self, outline: Unknown | Sketch, sensor: SensorProfile, settings: TrackerSettings) -> None:
         """Take what is known of the outline; the sensor; and the settings, with the noise of this sensor unit.
 
-        Raises SettingError on a sensor whose tip is not a single round one.
+        Several tips are taken to touch together. Raises SettingError on a sensor with a flat pad.
         """
-        if sensor.flat_width > 0.0 or len(sensor.tips) > 1:
-            raise SettingError(
-                f"sensor {sensor.name!r} has a flat pad or several tips; an outline that is not known is learnt by a "
-                "round tip alone"
-            )
+        if sensor.flat_width > 0.0:
+            allowed = "an outline that is not known is learnt by round tips alone"
+            raise SettingError(f"sensor {sensor.name!r} has a flat pad of {sensor.flat_width:g} m; {allowed}")
         self._given = outline
         self._sensor = sensor
         self._settings = settings
         self._reach = sensor.radius - settings.noise.priors.depth[0]
-        self._angles = np.arange(_SETTINGS.points) * (2.0 * np.pi / _SETTINGS.points)
+        self._angles: Array = np.arange(_SETTINGS.points) * np.float64(2.0 * np.pi / _SETTINGS.points)
 
     def begin(self, pose: Array, covariance: Array) -> None:
         """Begin with the object's pose (3,) and its covariance (3, 3), and what was given of the outline."""
@@ -141,15 +139,16 @@ class Explorer:
         else:
             self._contact = self._pushed(last, frame, angle)
         contact = self._contact
-        tip = complex(*se2.transform(frame.sensor_pose, self._sensor.center).tolist())
         normal = np.exp(1j * (frame.sensor_pose[2] + contact.direction))
-        point = tip + self._reach * normal
+        point = self._middle(frame.sensor_pose) + self._reach * normal
         if frame.time - contact.observed_at >= _SETTINGS.interval and contact.way >= _SETTINGS.way:
             seen = contact.direction if angle is None else angle
-            observe(self._rows, tip, frame.sensor_pose[2] + seen, deviation)
+            for tip in se2.transform(frame.sensor_pose, self._sensor.centers):
+                center = complex(tip[0], tip[1])
+                observe(self._rows, center, frame.sensor_pose[2] + seen, deviation)
+                self._mark_touched(center + self._reach * normal)
             contact.observed_at = frame.time
             contact.way = 0.0
-            self._mark_touched(point)
             self._outline = self._outline_of_rows()
         return _vector(point), -_vector(normal)
 
@@ -159,13 +158,22 @@ class Explorer:
         if angle is not None:
             weight = -math.expm1(-(frame.time - last.time) / _SETTINGS.smoothing)
             direction += weight * math.remainder(angle - direction, 2.0 * math.pi)
-        before = complex(*se2.transform(last.sensor_pose, self._sensor.center).tolist())
-        now = complex(*se2.transform(frame.sensor_pose, self._sensor.center).tolist())
+        before = self._middle(last.sensor_pose)
+        now = self._middle(frame.sensor_pose)
         turn = math.remainder(frame.sensor_pose[2] - last.sensor_pose[2], 2.0 * math.pi)
         normal = np.exp(1j * (frame.sensor_pose[2] + direction))
         motion = now - before + 1j * turn * self._reach * normal
-        move(self._rows, Push(before + self._reach * normal, normal, motion))
+        push = Push(before + self._reach * normal, normal, motion)
+        if len(self._sensor.tips) > 1:
+            carry(self._rows, push, turn)
+        else:
+            move(self._rows, push)
         return _Contact(frame.sensor_pose, frame.time, direction, last.observed_at, last.way + abs(motion))
+
+    def _middle(self, sensor_pose: Array) -> complex:
+        """Return the middle of all tips' centres in the world [m], with a sensor pose (3,)."""
+        x, y = se2.transform(sensor_pose, self._sensor.centers).mean(axis=0).tolist()
+        return complex(x, y)
 
     def _mark_touched(self, point: complex) -> None:
         """Mark the points of the outline about a contact point in the world as touched."""

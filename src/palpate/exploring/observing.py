@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Complex, Integers
 from palpate.exploring.curve import Waves, waves
 from palpate.exploring.rows import CENTER, CENTER_IN_OBJECT, CURVE, Place, Rows
 
@@ -52,7 +52,7 @@ def observe(rows: Rows, tip: complex, direction: float, deviation: float) -> Non
     _straighten(rows, straight, tip)
 
 
-def _straighten(rows: Rows, straight: Array, tip: complex) -> None:
+def _straighten(rows: Rows, straight: Integers, tip: complex) -> None:
     """Expect no bend at the place of a contact in the rows that say so, unless it is clearly bent or known already."""
     seen = _seen(rows, tip)
     bend_by = np.zeros((len(straight), 1, CURVE.stop))
@@ -81,7 +81,7 @@ class _Seen:
     """Angle in the object frame (B,) [rad]."""
     rows: Waves
     """Rows of the curve at these angles."""
-    changes: tuple[tuple[int, Array], ...]
+    changes: tuple[tuple[int, Complex], ...]
     """Change of the centre in the object frame with each variable of the pose: its place in a row and (B,), complex."""
 
 
@@ -106,7 +106,7 @@ def _along(rows: Array, coefficients: Array) -> Array:
     return (rows * coefficients).sum(axis=1)
 
 
-def _correct(rows: Rows, chosen: Array, innovation: Array, by: Array, noise: Array) -> Array:
+def _correct(rows: Rows, chosen: Integers, innovation: Array, by: Array, noise: Array) -> Array:
     """Correct chosen rows by innovations (B, K), their derivatives (B, K, V) and variances (B, K).
 
     An innovation that is too large has its variance raised until it is at the limit. Returns logarithms of

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Complex
 from palpate.exploring.rows import CENTER, CENTER_IN_OBJECT, Place, Rows
 
 
@@ -67,7 +67,7 @@ def move(rows: Rows, push: Push) -> None:
     values = rows.mean[:, _VARIABLES]
     moved = _moved(values, push)
     steps = np.sqrt(rows.covariance[:, _VARIABLES, _VARIABLES])
-    # Differences over a standard deviation each way: a derivative at the mean knows nothing of sticking or sliding there.
+    # Differences over a standard deviation each way, as a derivative at the mean does not see where sliding begins.
     steps = np.clip(steps, 1e-5, np.array((0.02, 0.02, 0.5, 0.5)))
     change = np.empty((len(values), 3, 4))
     for variable in range(4):
@@ -76,9 +76,26 @@ def move(rows: Rows, push: Push) -> None:
         difference = _moved(values + apart, push) - _moved(values - apart, push)
         change[:, :, variable] = difference / (2.0 * steps[:, variable, None])
     rows.mean[:, _MOVED] += moved
-    rows.covariance[:, _MOVED, :] += change @ rows.covariance[:, _VARIABLES, :]
-    rows.covariance[:, :, _MOVED] += rows.covariance[:, :, _VARIABLES] @ change.transpose(0, 2, 1)
+    _spread(rows, change)
     _widen(rows, push)
+
+
+def carry(rows: Rows, push: Push, turn: float) -> None:
+    """Move the object of each row with several tips that touch at once: it turns [rad] as they do, and does not slide."""
+    lever = rows.center - push.point
+    rolled = np.exp(1j * turn) - 1.0
+    shift = push.motion + rolled * lever
+    rows.mean[:, _MOVED] += np.column_stack((shift.real, shift.imag, np.full(len(shift), turn)))
+    change = np.zeros((3, 4))
+    change[:2, :2] = ((rolled.real, -rolled.imag), (rolled.imag, rolled.real))
+    _spread(rows, change)
+    _widen(rows, push)
+
+
+def _spread(rows: Rows, change: Array) -> None:
+    """Take a change of the motion with each variable, (B, 3, 4) or (3, 4), to the covariance."""
+    rows.covariance[:, _MOVED, :] += change @ rows.covariance[:, _VARIABLES, :]
+    rows.covariance[:, :, _MOVED] += rows.covariance[:, :, _VARIABLES] @ np.swapaxes(change, -1, -2)
 
 
 def _moved(values: Array, push: Push) -> Array:
@@ -95,12 +112,12 @@ def _moved(values: Array, push: Push) -> Array:
     edge = push.normal * np.exp(1j * np.sign(angle) * widest)
     at_contact = edge + lever * _dot(lever, edge) / radius_squared
     along_normal = np.maximum((at_contact * push.normal.conjugate()).real, _SETTINGS.steepest)
-    shift = np.where(np.abs(angle) > widest, edge * forward / along_normal, sticking)
+    shift: Complex = np.where(np.abs(angle) > widest, edge * forward / along_normal, sticking)
     turn = _dot(lever, shift) / radius_squared
     return np.column_stack((shift.real, shift.imag, turn))
 
 
-def _dot(left: Array, right: Array | complex) -> Array:
+def _dot(left: Complex, right: Complex | complex) -> Array:
     """Return the scalar products of vectors, (B,)."""
     return (left.conjugate() * right).real
 

@@ -5,7 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from palpate.arrays import Array, Flags
+from palpate.arrays import Array, Complex, Flags
 from palpate.exploring.curve import COEFFICIENTS
 
 CENTER = slice(0, 2)
@@ -47,7 +47,7 @@ class Rows:
     """Means of the V variables, (B, V)."""
     covariance: Array
     """(B, V, V)."""
-    pole: Array
+    pole: Complex
     """Pole of the curve in the object frame, (B,), complex [m]."""
     is_straight: Flags
     """True for rows that expect straight sides, (B,)."""
@@ -55,17 +55,17 @@ class Rows:
     """(B,)."""
 
     @property
-    def center(self) -> Array:
+    def center(self) -> Complex:
         """Centres of friction in the world, (B,), complex [m]."""
         return self.mean[:, 0] + 1j * self.mean[:, 1]
 
     @property
-    def center_in_object(self) -> Array:
+    def center_in_object(self) -> Complex:
         """Centres of friction in the object frame, (B,), complex [m]."""
         return self.mean[:, 3] + 1j * self.mean[:, 4]
 
     @property
-    def rotation(self) -> Array:
+    def rotation(self) -> Complex:
         """Rotations from the object to the world, (B,), complex."""
         return np.exp(1j * self.mean[:, Place.YAW])
 
@@ -92,13 +92,14 @@ class Rows:
         """Return the mean covariance (3, 3) of the pose within a row, along the axes of the mean pose."""
         back = np.exp(-1j * yaw)
         of_pose = np.zeros((len(weight), 3, 5))  # origin and yaw by centre, yaw and centre in the object
-        for column, moved in (
+        columns: tuple[tuple[int, Complex], ...] = (
             (0, np.full(len(weight), back)),
             (1, np.full(len(weight), 1j * back)),
             (2, -1j * back * self.rotation * self.center_in_object),
             (3, -back * self.rotation),
             (4, -1j * back * self.rotation),
-        ):
+        )
+        for column, moved in columns:
             of_pose[:, 0, column] = moved.real
             of_pose[:, 1, column] = moved.imag
         of_pose[:, 2, Place.YAW] = 1.0

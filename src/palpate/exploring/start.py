@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import Array, Flags
+from palpate.arrays import Array, Complex, Flags
 from palpate.config import Priors
 from palpate.exploring.curve import COEFFICIENTS, curve_about, deviations_about, form_deviations
 from palpate.exploring.rows import CENTER, CENTER_IN_OBJECT, CURVE, Place, Rows
@@ -48,7 +48,9 @@ class _Forms:
     """Their standard deviations (COEFFICIENTS,)."""
     friction_radius: Array
     """Friction radius of an even pressure (B,) [m]."""
-    center: Array
+    pole: Complex
+    """Poles of the curves in the object frame (B,), complex [m]."""
+    center: Complex
     """Centre of friction in the object frame (B,), complex [m]."""
     center_deviation: Array
     """Its standard deviation along each axis (B,) [m]."""
@@ -63,7 +65,7 @@ def rows_about_origin(given: Unknown | Sketch, pose: Array, covariance: Array, p
     """
     generator = np.random.default_rng(_SETTINGS.seed)
     if isinstance(given, Sketch):
-        forms = _forms_of_sketch(given, priors, tip)
+        forms = _forms_of_sketch(given, priors, tip, generator)
     else:
         radius = _radii(given, generator)
         off = generator.normal(0.0, _SETTINGS.middle, (2, len(radius)))
@@ -89,7 +91,7 @@ def _radii(given: Unknown, generator: np.random.Generator) -> Array:
     return 0.5 * least * (largest / least) ** share
 
 
-def _unknown_forms(radius: Array, center: Array, tip: float) -> _Forms:
+def _unknown_forms(radius: Array, center: Complex, tip: float) -> _Forms:
     """Return unknown forms of mean radii (B,) [m]; every other one expects straight sides."""
     count = len(radius)
     curve = np.zeros((count, COEFFICIENTS))
@@ -98,25 +100,29 @@ def _unknown_forms(radius: Array, center: Array, tip: float) -> _Forms:
         curve=curve,
         deviation=np.concatenate(((_SETTINGS.roundness,), form_deviations())),
         friction_radius=_SETTINGS.even * radius,
+        pole=center,
         center=center,
         center_deviation=_SETTINGS.in_row * radius,
         is_straight=np.arange(count) % 2 == 0,
     )
 
 
-def _forms_of_sketch(given: Sketch, priors: Priors, tip: float) -> _Forms:
-    """Return forms about a sketch, which differ in their friction alone."""
+def _forms_of_sketch(given: Sketch, priors: Priors, tip: float, generator: np.random.Generator) -> _Forms:
+    """Return forms about a sketch; half of the variance is between the rows."""
     count = _SETTINGS.count
     center = complex(*given.shape.centroid)
     curve = curve_about(given.shape, center, tip)
     friction_radius = given.shape.friction_radius()
     center_deviation = math.hypot(priors.friction_center[1] * friction_radius, given.sigma)
+    deviation = math.sqrt(0.5) * deviations_about(given.sigma / math.exp(curve[0]))
+    between = math.sqrt(0.5) * center_deviation * generator.normal(0.0, 1.0, (2, count))
     return _Forms(
-        curve=np.tile(curve, (count, 1)),
-        deviation=deviations_about(given.sigma / math.exp(curve[0])),
+        curve=curve + deviation * generator.normal(0.0, 1.0, (count, COEFFICIENTS)),
+        deviation=deviation,
         friction_radius=np.full(count, friction_radius),
-        center=np.full(count, center),
-        center_deviation=np.full(count, center_deviation),
+        pole=np.full(count, center),
+        center=center + between[0] + 1j * between[1],
+        center_deviation=np.full(count, math.sqrt(0.5) * center_deviation),
         is_straight=np.zeros(count, np.bool_),
     )
 
@@ -142,20 +148,21 @@ def _rows(forms: _Forms, pose: Array, covariance: Array, priors: Priors, generat
     variance[:, CURVE] = np.square(forms.deviation)
     whole = variance[:, :, None] * np.eye(CURVE.stop)
     _follow_pose(whole, forms.center, rotation, covariance)
-    return Rows(mean, whole, forms.center.copy(), forms.is_straight, np.zeros(count))
+    return Rows(mean, whole, forms.pole, forms.is_straight, np.zeros(count))
 
 
-def _follow_pose(whole: Array, center: Array, rotation: complex, covariance: Array) -> None:
-    """Let the centre of friction in the world follow from the pose and its covariance (3, 3), and from that in the object."""
+def _follow_pose(whole: Array, center: Complex, rotation: complex, covariance: Array) -> None:
+    """Let the centre of friction in the world follow from that in the object and a pose with its covariance (3, 3)."""
     count = len(whole)
     by_given = np.zeros((count, 3, 5))  # centre and yaw by x, y and yaw of the pose and by the centre in the object
-    for column, moved in (
+    columns: tuple[tuple[int, Complex], ...] = (
         (0, np.full(count, rotation)),
         (1, np.full(count, 1j * rotation)),
         (2, 1j * rotation * center),
         (3, np.full(count, rotation)),
         (4, np.full(count, 1j * rotation)),
-    ):
+    )
+    for column, moved in columns:
         by_given[:, 0, column] = moved.real
         by_given[:, 1, column] = moved.imag
     by_given[:, 2, 2] = 1.0
