@@ -21,7 +21,7 @@ from palpate.exploring.pushing import Push, begin_contact, carry, move
 from palpate.exploring.rows import CENTER, CURVE, Place, Rows
 from palpate.exploring.start import rows_about_origin, rows_behind_contact
 from palpate.geometry import se2
-from palpate.types.measurements import ContactDirection, Frame, Measurement
+from palpate.types.measurements import ContactDirection, Frame, Measurement, TouchMeasurement
 from palpate.types.outline import Outline, Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
@@ -68,8 +68,9 @@ class _Contact:
 class Explorer:
     """Estimates pose and outline of one object: `step` takes a frame and returns what is known after it."""
 
-    takes: tuple[type[Measurement], ...] = (ContactDirection,)
-    """Kinds of measurements that it takes; others are left out with a warning before they come to it."""
+    takes: tuple[type[Measurement], ...] = (TouchMeasurement,)
+    """Kinds of measurements that it takes, of which directions tell of the outline; others are left out with a warning
+    before they come to it."""
 
     def __init__(self, outline: Unknown | Sketch, sensor: SensorProfile, settings: TrackerSettings) -> None:
         """Take what is known of the outline; the sensor; and the settings, with the noise of this sensor unit.

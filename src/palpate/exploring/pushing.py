@@ -81,7 +81,7 @@ def move(rows: Rows, push: Push) -> None:
 
 
 def carry(rows: Rows, push: Push, turn: float) -> None:
-    """Move the object of each row with several tips that touch at once: it turns [rad] as they do, and does not slide."""
+    """Move the object of each row with several tips that touch at once: it turns [rad] with them and does not slide."""
     lever = rows.center - push.point
     rolled = np.exp(1j * turn) - 1.0
     shift = push.motion + rolled * lever
