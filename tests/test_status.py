@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 
-from palpate.status import TABLE, Ambiguity, Evidence, Implausible, InputEvidence, PoseEvidence, decide
+from palpate.status import TABLE, Ambiguity, Evidence, FormEvidence, Implausible, InputEvidence, PoseEvidence, decide
 from palpate.types.estimate import Status
 
 KNOWN = PoseEvidence(in_contact=True, position_deviation=1e-3, yaw_deviation=0.01, is_beyond_tolerance=False)
@@ -88,3 +88,23 @@ def test_the_axis_of_motion_is_named_before_images_that_are_turned():
     sideways = decide(Evidence(mirrored, InputEvidence(push_angle=1.6, weakness="along y"))).reason
     assert sideways.startswith("along y; touch fits")
     assert decide(Evidence(KNOWN, InputEvidence(push_angle=0.35))) == ("tracking", "")
+
+
+WHOLE = FormEvidence(untouched_share=0.0, deviation=2e-3, is_beyond_tolerance=False, has_directions=True)
+
+
+@pytest.mark.parametrize(
+    ("status", "words", "signs"),
+    [
+        ("strained", "230 mm wide", {"exceeding_width": 0.23, "untouched_share": 0.6}),
+        ("strained", "21 mm from the sketch", {"from_sketch": 0.021, "is_beyond_tolerance": True}),
+        ("uncertain", "contact directions", {"has_directions": False, "untouched_share": 0.6}),
+        ("uncertain", "enclose nothing", {"untouched_share": 0.6, "is_beyond_tolerance": True}),
+        ("uncertain", "40% of the outline", {"untouched_share": 0.4}),
+        ("uncertain", "known to 4 mm", {"is_beyond_tolerance": True}),
+        ("tracking", "", {}),
+    ],
+)
+def test_an_outline_that_is_learnt_decides_while_the_pose_is_known(status, words, signs):
+    verdict = decide(Evidence(replace(KNOWN, form=replace(WHOLE, **signs))))
+    assert verdict.status == status and words in verdict.reason and (verdict.reason == "") == (status == "tracking")

@@ -6,6 +6,8 @@ from .errors import FrameError as FrameError
 from .errors import PalpateError as PalpateError
 from .errors import SettingError as SettingError
 from .errors import ShapeError as ShapeError
+from .exploring.next_push import NextPush as NextPush
+from .exploring.next_push import next_push as next_push
 from .geometry.shapes import Disc as Disc
 from .geometry.shapes import Ellipse as Ellipse
 from .geometry.shapes import Polygon as Polygon
@@ -38,6 +40,9 @@ from .types.measurements import Measurement as Measurement
 from .types.measurements import ObjectPose as ObjectPose
 from .types.measurements import OwnMeasurement as OwnMeasurement
 from .types.measurements import Turn as Turn
+from .types.outline import Outline as Outline
+from .types.outline import Sketch as Sketch
+from .types.outline import Unknown as Unknown
 from .types.sensor import DIGIT as DIGIT
 from .types.sensor import GELSIGHT_MINI as GELSIGHT_MINI
 from .types.sensor import POINT as POINT

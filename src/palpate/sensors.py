@@ -24,7 +24,7 @@ from palpate.models.pushing.compiled import PUSHING, hand_pushing
 from palpate.models.pushing.contact_geometry import contact_model, hand_contact_model
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Fingers, OfFinger
-from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, decide, turn_words
+from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, PoseEvidence, Verdict, decide, turn_words
 from palpate.touch.background import Background
 from palpate.touch.pipeline import TouchReader
 from palpate.tracker_arguments import FirstPose, Unit, noise_of_hand, noise_of_unit
@@ -33,6 +33,38 @@ from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import Frame, Measurement
 
 logger = logging.getLogger(__name__)
+
+
+class Estimator(Protocol):
+    """Filter of the object, as a tracker and the input of its sensors use it."""
+
+    is_mirrored: bool
+    """True if touch images are taken as turned by half a turn or mirrored."""
+
+    def begin(self, pose: Array, covariance: Array) -> None:
+        """Begin with the object's pose (3,) and its covariance (3, 3)."""
+        ...
+
+    def end_contact(self, moved: float = 0.0) -> None:
+        """Take the object as released."""
+        ...
+
+    def variable(self, name: str) -> tuple[Array, Array]:
+        """Return mean and standard deviation, (D,) each, of a variable of the object."""
+        ...
+
+
+class Known(Protocol):
+    """What is known of the object after a frame, with the evidence for its status."""
+
+    @property
+    def evidence(self) -> PoseEvidence:
+        """Signs of how well it is known."""
+        ...
+
+    def estimate(self, time: float, verdict: Verdict) -> Estimate:
+        """Return the estimate at a time [s]."""
+        ...
 
 
 class Sensors(Protocol):
@@ -58,7 +90,7 @@ class Sensors(Protocol):
         """Copies of the untouched gels that are known, by finger; "" is one sensor."""
         ...
 
-    def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
+    def estimator(self, first: FirstPose) -> Estimator:
         """Return the filter that the sensors need, with the object's first pose."""
         ...
 
@@ -74,7 +106,7 @@ class Sensors(Protocol):
         """Return the name by which the graph knows a variable."""
         ...
 
-    def check(self, frame: Frame, measurements: Sequence[Measurement], predicted: MultiHypothesisFilter) -> Any:
+    def check(self, frame: Frame, measurements: Sequence[Measurement], predicted: Any) -> Any:
         """Refuse implausible input, correct the sensor's pose, and decide contact."""
         ...
 
@@ -82,7 +114,7 @@ class Sensors(Protocol):
         """Return the measurements by touch, of a frame in contact."""
         ...
 
-    def step(self, estimator: MultiHypothesisFilter, checked: Any, measured: Any) -> Posterior:
+    def step(self, estimator: Any, checked: Any, measured: Any) -> Known:
         """Take the frame and its measurements to all hypotheses."""
         ...
 
@@ -90,7 +122,7 @@ class Sensors(Protocol):
         """Make a frame the last one, now that it was used."""
         ...
 
-    def estimate(self, checked: Any, posterior: Posterior) -> Estimate:
+    def estimate(self, checked: Any, posterior: Any) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
         ...
 
@@ -223,7 +255,7 @@ class OneSensor:
         self._gate.accept(checked, measured)
         self._correction.accept(checked.corrected)
 
-    def estimate(self, checked: CheckedFrame, posterior: Posterior) -> Estimate:
+    def estimate(self, checked: CheckedFrame, posterior: Known) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
         stream = checked.evidence._replace(sunk=self._touch.sunk, turn=self._turn)
         estimate = _decided(posterior, stream, checked.frame.time)
@@ -356,6 +388,6 @@ def _measured(touch: TouchReader, checked: CheckedFrame) -> Sequence[Measurement
     return touch.read(checked.frame, checked.background, checked.light)
 
 
-def _decided(posterior: Posterior, stream: InputEvidence, time: float) -> Estimate:
+def _decided(posterior: Known, stream: InputEvidence, time: float) -> Estimate:
     """Return the estimate of a posterior at a time [s], with the status that all evidence decides."""
     return posterior.estimate(time, decide(Evidence(posterior.evidence, stream)))

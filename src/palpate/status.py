@@ -36,6 +36,10 @@ SLANTED_PUSH = math.radians(12.0)
 DEEP = 2.5e-3
 """[m] Indentation beyond the usual one that no object of a kilogram shows in simulation."""
 
+LACKS_DIRECTIONS = (
+    "an unknown outline needs touch images or contact directions; contact flags alone do not tell its form"
+)
+"""Sentence on an outline that nothing tells of."""
 MIRRORED = "touch fits the push only with images upside down or mirrored; confirm by --orientation 180 or mirrored"
 """Sentence once touch images are taken as mirrored."""
 EXCHANGED = (
@@ -96,6 +100,23 @@ class Implausible(NamedTuple):
     """Distance from its prior [standard deviations]."""
 
 
+class FormEvidence(NamedTuple):
+    """Signs of how well an outline that is learnt is known, and of what contradicts what was given of it."""
+
+    untouched_share: float
+    """Longest part of the outline that was not touched, as a share of it, if it is too long for a guess; else 0."""
+    deviation: float
+    """Root mean square of the standard deviations of what was touched [m]."""
+    is_beyond_tolerance: bool
+    """True if two of these are more than the tolerance."""
+    has_directions: bool
+    """True if touch measured directions or turns: contact alone does not tell how an object turns."""
+    exceeding_width: float = 0.0
+    """Width of what was touched, if it is more than the stated size [m]; else 0."""
+    from_sketch: float = 0.0
+    """Largest distance of what was touched from the sketch, if it is implausible [m]; else 0."""
+
+
 class PoseEvidence(NamedTuple):
     """Signs of how well the pose is known, and of what contradicts it."""
 
@@ -125,6 +146,8 @@ class PoseEvidence(NamedTuple):
     """True if it is not yet known how images lie."""
     are_of_hand: bool = False
     """True for images of a hand's fingers, which may be exchanged in place of mirrored."""
+    form: FormEvidence | None = None
+    """Evidence on the outline; None if it is known."""
 
 
 class Evidence(NamedTuple):
@@ -163,6 +186,29 @@ def _contradiction(on: Evidence) -> str:
             f"all that is measured fits only if {variable} is {deviations:.0f} standard deviations from what is usual: "
             "measured object poses, outline or mounting may be off"
         )
+    return "" if on.pose.form is None else _contradicting_form(on.pose.form)
+
+
+def _contradicting_form(form: FormEvidence) -> str:
+    if form.exceeding_width > 0.0:
+        return f"what was touched is {1e3 * form.exceeding_width:.0f} mm wide, more than the size that was stated"
+    if form.from_sketch > 0.0:
+        return f"what was touched is up to {1e3 * form.from_sketch:.0f} mm from the sketch, more than its sigma allows"
+    return ""
+
+
+def _unknown_form(on: Evidence) -> str:
+    form = on.pose.form
+    if form is None:
+        return ""
+    if not form.has_directions:
+        return LACKS_DIRECTIONS
+    if form.untouched_share > 0.5:
+        return "the contacts so far enclose nothing: over half of the outline is a guess"
+    if form.untouched_share > 0.0:
+        return f"{form.untouched_share:.0%} of the outline, in one piece, were not touched and are a guess"
+    if form.is_beyond_tolerance:
+        return f"the outline is known to {2e3 * form.deviation:.0f} mm at 95 % where it was touched"
     return ""
 
 
@@ -275,6 +321,11 @@ TABLE = (
         status="displaced",
         applies=lambda on: on.pose.is_displaced,
         reason=lambda on: "the object was moved while nothing touched it",
+    ),
+    StatusRow(
+        status="uncertain",
+        applies=lambda on: _unknown_form(on) != "",
+        reason=_unknown_form,
     ),
     StatusRow(
         status="uncertain",

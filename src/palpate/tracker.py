@@ -20,10 +20,11 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.pipeline import Touch
 from palpate.touch.touch_model import TouchModel
-from palpate.tracker_arguments import check_shape_and_settings, first_pose_of, hand_of, unit_of, units_of
+from palpate.tracker_arguments import Unit, check_shape_and_settings, first_pose_of, hand_of, unit_of, units_of
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement
+from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
 
@@ -35,7 +36,7 @@ class Tracker:
 
     def __init__(
         self,
-        shape: Shape,
+        shape: Shape | Unknown | Sketch,
         sensor: SensorProfile | str | Mapping[str, SensorProfile | str] | Hand,
         first_pose: ArrayLike | None,
         settings: TrackerSettings | None = None,
@@ -50,11 +51,12 @@ class Tracker:
     ) -> None:
         """Take the object's outline, the sensor or its name, and world_T_object (3,) [m, m, rad] at the first frame.
 
-        A first pose of None is anywhere within a metre of the world's origin, at any yaw. `first_pose_sigma` are
-        standard deviations (3,) [m, m, rad] along the object's axes, or a covariance (3, 3) as an `Estimate` has it; by
-        default `noise.first_pose`. `set_up_sigma` are those of the constant offset between sensor, world and outline,
-        by default `noise.sensor_pose.calibration`. Without a `calibration` of this sensor unit, the first half second
-        of images is taken as untouched; one by pushes corrects the sensor's poses, too, and takes the place of
+        An outline that is `Unknown`, or a `Sketch`, is learnt by one sensor: `Estimate.outline`. A first pose of None
+        is anywhere within a metre of the world's origin, at any yaw. `first_pose_sigma` are standard deviations (3,)
+        [m, m, rad] along the object's axes, or a covariance (3, 3) as an `Estimate` has it; by default
+        `noise.first_pose`. `set_up_sigma` are those of the constant offset between sensor, world and outline, by
+        default `noise.sensor_pose.calibration`. Without a `calibration` of this sensor unit, the first half second of
+        images is taken as untouched; one by pushes corrects the sensor's poses, too, and takes the place of
         `set_up_sigma`. `touch` is an object of your own that measures in place of the touch model. Unless the
         calibration or `is_view_known` says that images are upright, the tracker finds out if they are. `graph` are the
         variables and factors: those of pushing, or of a model that extends it.
@@ -76,11 +78,12 @@ class Tracker:
         self._sensors: Sensors
         if hand is None:
             unit = unit_of(known_sensor(sensor), model, calibration, touch)  # pyright: ignore[reportArgumentType]
-            warm_up(graph)
-            self._sensors = OneSensor(shape, settings, unit, set_up_sigma, is_view_known, graph)
+            self._sensors = _one_sensor(shape, settings, unit, set_up_sigma, is_view_known, graph)
         else:
             if graph is not PUSHING:
                 raise SettingError("graph is an extended model, which has one sensor; a hand has the model of pushing")
+            if isinstance(shape, Unknown | Sketch):
+                raise SettingError("the outline is not known, and the sensor is a hand; one sensor alone learns it")
             units = units_of(hand, model, calibration, touch)
             warm_up(compiled_model_of(len(hand.fingers)))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
@@ -172,6 +175,26 @@ class Tracker:
     def backgrounds(self) -> dict[str, Background]:
         """Copies of the untouched gels of a hand's fingers that are known now, by finger; "" is that of one sensor."""
         return self._sensors.backgrounds
+
+
+def _one_sensor(
+    shape: Shape | Unknown | Sketch,
+    settings: TrackerSettings,
+    unit: Unit,
+    set_up_sigma: ArrayLike | None,
+    is_view_known: bool,
+    graph: CompiledModel,
+) -> OneSensor:
+    """Return one sensor with all compiled code that it needs, for an outline that is known or one that is learnt."""
+    if not isinstance(shape, Unknown | Sketch):
+        warm_up(graph)
+        return OneSensor(shape, settings, unit, set_up_sigma, is_view_known, graph)
+    if graph is not PUSHING:
+        raise SettingError("graph is an extended model, which needs an outline that is known")
+    from palpate.exploring_sensor import OneSensorExploring  # which few need
+
+    warm_up(graph)
+    return OneSensorExploring(shape, settings, unit, set_up_sigma, is_view_known)
 
 
 def machine_code(graph: CompiledModel | None = None) -> list[Compiled]:

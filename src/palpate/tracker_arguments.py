@@ -20,6 +20,7 @@ from palpate.touch.pipeline import Touch
 from palpate.touch.touch_model import TouchModel
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import finite_numbers
+from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
 logger = logging.getLogger(__name__)
@@ -65,7 +66,8 @@ class Unit:
 
 def check_shape_and_settings(shape: Any, settings: Any) -> None:
     """Raise ShapeError or SettingError unless both are of the right kind and unit; settings may be None."""
-    check_outline(shape)
+    if not isinstance(shape, Unknown | Sketch):  # which have checked themselves
+        check_outline(shape)
     _check_kind("settings", settings, TrackerSettings, "palpate.TrackerSettings(...)")
 
 

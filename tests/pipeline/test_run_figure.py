@@ -47,6 +47,24 @@ def test_a_run_without_truth_shows_sigma(tracked):
     assert "no ground truth" in figure.get_suptitle() and not {"truth", "error"} & legend(figure)
 
 
+def test_an_outline_that_is_learnt_is_drawn_with_its_band(tracked):
+    run = palpate.track(tracked.recording, palpate.TrackerSettings("oracle"), outline=palpate.Unknown((0.1, 0.3)))
+    figure = run_figure(run)
+    assert {"truth", "95 % band of the outline"} < legend(figure) and "start" not in legend(figure)
+    outline = run.outlines[-1]
+    x, y, theta = run.online.pose[-1]
+    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    placed = 1e3 * (np.stack((outline.points, *outline.edges())) @ turn.T + (x, y))
+    drawn = [np.column_stack(line.get_data()) for line in figure.axes[0].get_lines()]
+    assert any(len(line) == len(placed[0]) + 1 and np.allclose(line[:-1], placed[0]) for line in drawn)
+    patches: Any = figure.axes[0].patches
+    (band,) = (area.get_xy() for area in patches if len(area.get_xy()) > 2 * len(outline.points))
+    assert np.allclose(band[: len(outline.points)], placed[2])
+    assert np.allclose(band[-2 : -len(outline.points) - 2 : -1], placed[1])
+    without = run_figure(palpate.track(replace(tracked.recording, is_shape_known=False), outline=palpate.Unknown()))
+    assert len(without.axes[0].patches) == len(figure.axes[0].patches) - 1  # the true outline
+
+
 def test_the_legend_of_a_video_names_other_answers_where_there_are_some(tracked):
     answer = Answer(np.zeros(3), np.eye(3), 0.5, "shove")
     one = replace(tracked, answers=((),) * len(tracked.answers))

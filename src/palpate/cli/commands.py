@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from palpate.cli.console import Report
+from palpate.cli.learnt_outline import outline
 from palpate.cli.read import read
 from palpate.cli.recordings import calibrate, convert, info
 from palpate.cli.track import live, ros2, track, warm_up
@@ -31,6 +32,7 @@ OWN: dict[str, Command] = {
     "read": read,
     "track": track,
     "live": live,
+    "outline": outline,
     "convert": convert,
     "calibrate": calibrate,
     "ros2": ros2,
@@ -50,7 +52,7 @@ LABORATORY = {
 }
 """Commands of palpate-lab, and the extras that each needs."""
 GROUPS = {
-    "Track an object": ("demo", "info", "track", "live"),
+    "Track an object": ("demo", "info", "track", "outline", "live"),
     "Your sensor and your data": ("convert", "read", "calibrate", "truth-print", "truth-camera", "truth"),
     "Many recordings": ("simulate", "evaluate", "compare", "tune", "train", "paper"),
     "Set up": ("ros2", "warm-up"),

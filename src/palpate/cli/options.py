@@ -191,7 +191,8 @@ class Bag:
             "NAME|AxB|FILE",
             "none; bags need it",
             help="The object: a name as in palpate simulate, the sides of a rectangle such as 0.09x0.06 [m] or "
-            "90mmx60mm, or an outline in a file (CSV, JSON, SVG or DXF).",
+            "90mmx60mm, or an outline in a file (CSV, JSON, SVG or DXF). With track and live also unknown, or "
+            "unknown:50mm-200mm with its least and largest width: touch learns it.",
         ),
     ] = None
     shape_unit: Annotated[Unit | None, arg(default="m, or the unit of the drawing")] = None

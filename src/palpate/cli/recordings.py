@@ -67,7 +67,10 @@ def info(
             about = {"format": kind, "source": recording.source, "sensor": recording.sensor.name}
             if recording.hand is not None:
                 about["mounts"] = {name: list(mount) for name, mount in recording.hand.mounts.items()}
-            about |= {"shape": shape_to_dict(recording.shape), **check_recording(recording)}
+            about |= {
+                "shape": shape_to_dict(recording.shape) if recording.is_shape_known else "unknown",
+                **check_recording(recording),
+            }
     return Report(file.name, {"file": str(file), **about})
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import palpate
 from palpate.cli.console import Report, complain, progress_bar
+from palpate.cli.learnt_outline import LearntOutline, read_for
 from palpate.cli.options import Bag, BagOptions, Estimator, Force, Start, Touch, arg
 from palpate.cli.quantities import TIME, quantities
 from palpate.cli.sources import Source
@@ -68,6 +69,7 @@ def track(
     bag: Bag = Bag(),
     tables: TableChoices = TableChoices(),
     episode: Annotated[int, arg("N")] = 0,
+    outline: LearntOutline = LearntOutline(),
     out: Annotated[Path | None, arg("DIR", "runs/<name>")] = None,
     files_of_run: RunFiles = RunFiles(),
     workers: Annotated[int, arg("N")] = 1,
@@ -104,7 +106,7 @@ def track(
     table = read_first_poses(first_poses) if first_poses else None
     source = Source(bag, tables, episode)
     settings = estimator.settings(touch.tactile, touch.markers)
-    way = Way(settings, start, source, model, unit, table)
+    way = Way(settings, start, source, model, unit, table, outline.of(bag))
     outputs = files_of_run.outputs(force)
     jobs = [(file, _folder_of(file, out, is_only=len(files) == 1)) for file in files]
     if len(files) == 1 and not resume:
@@ -190,17 +192,27 @@ def ros2(*words: str) -> int:
     return main(words)
 
 
+@dataclass(frozen=True)
+class Session:
+    """The length of a live session, and its recording."""
+
+    seconds: Annotated[float | None, quantities("--seconds", "S", TIME), arg("S", "until Ctrl-C")] = None
+    """End after this time [s]."""
+    record: Annotated[Path | None, arg("OUT.mcap", "none")] = None
+    """Record images, sensor poses and estimates; a kill loses at most the last second."""
+    force: Force = False
+
+
 def live(
     *,
     camera: Annotated[str | None, arg("N|PATH", "none; or --replay")] = None,
     poses: Annotated[str | None, arg("udp:PORT", "none; --camera needs it")] = None,
     replay: Annotated[Path | None, arg("FILE", "none; or --camera")] = None,
-    record: Annotated[Path | None, arg("OUT.mcap", "none")] = None,
-    seconds: Annotated[float | None, quantities("--seconds", "S", TIME), arg("S", "until Ctrl-C")] = None,
-    force: Force = False,
+    session: Session = Session(),
     start: Start = Start(),
     touch: Touch = Touch(),
     bag: Bag = Bag(),
+    outline: LearntOutline = LearntOutline(),
 ) -> Report:
     """Track as it happens: the newest image with the sensor's pose at its time; Ctrl-C ends it.
 
@@ -213,34 +225,34 @@ def live(
             with --mounts, left=0,right=1.
         poses: Sensor poses: JSON by UDP on this machine.
         replay: A recording or a bag, played in real time.
-        record: Record images, sensor poses and estimates; a kill loses at most the last second.
-        seconds: End after this time [s].
     """
     from palpate.live.session import LiveSession, recorder, stop_on_signals
     from palpate.pipeline.metrics import pose_words, world_sigma
 
     if touch.tactile == "oracle":
         raise SettingError("--tactile oracle needs ground truth, which is unknown live")
+    record = session.record
+    seconds = session.seconds
     if seconds is not None and not seconds > 0.0:
         raise SettingError(f"--seconds is {seconds:g}; allowed is a time above 0 [s]")
     if (camera is None) == (replay is None) or (camera is None) != (poses is None):
         raise SettingError("live takes either --camera with --poses, or --replay FILE")
     if record:
-        new_file(record, force)
+        new_file(record, session.force)
     model, unit = touch.load(touch.tactile)
     load_estimator()  # before images come
     with ExitStack() as stack:
         if replay is None:
-            setting = _live_setting(stack, str(camera), str(poses), start, bag)
+            setting = _live_setting(stack, str(camera), str(poses), start, bag, outline.of(bag))
         else:
-            setting = _replay_setting(replay, start, bag)
+            setting = _replay_setting(replay, start, bag, outline.of(bag))
         sources = setting.sources
         settings = palpate.TrackerSettings(touch.tactile, markers=touch.markers)
         options: Any = {"first_pose_sigma": setting.first_pose_sigma, "is_view_known": sources.is_view_known}
         tracker = palpate.Tracker(setting.shape, sources.sensor, setting.first_pose, settings, model, unit, **options)
-        keep = record and stack.enter_context(recorder(record, setting.shape, sources, force))
+        keep = record and stack.enter_context(recorder(record, setting.shape, sources, session.force))
         stop = stack.enter_context(stop_on_signals())
-        session = LiveSession(tracker, sources, complain)
+        running = LiveSession(tracker, sources, complain)
         bar = stack.enter_context(progress_bar(setting.name))
 
         def listen(item: Any) -> None:
@@ -248,17 +260,17 @@ def live(
                 keep(item)
             if isinstance(item, palpate.Estimate):
                 words = pose_words(item.pose, world_sigma(item.pose, item.covariance))
-                bar(session.counts["tracked"], f"{item.status} {item.reason} {words}")
+                bar(running.counts["tracked"], f"{item.status} {item.reason} {words}")
 
-        session.run(stop, listen, float("inf") if seconds is None else seconds)
+        running.run(stop, listen, float("inf") if seconds is None else seconds)
     notes = [f"recorded: {record}"] if record else []
-    dropped = session.counts["dropped"]
-    if dropped > MOST_DROPPED * session.counts["images"]:
+    dropped = running.counts["dropped"]
+    if dropped > MOST_DROPPED * running.counts["images"]:
         every = f"; {own_command()} track {shlex.quote(str(replay))} takes every image" if replay else ""
         notes.append(
             f"{dropped} images were dropped, as this machine takes longer for a step than there is time{every}"
         )
-    return Report("live", session.summary(), notes=notes)
+    return Report("live", running.summary(), notes=notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,21 +280,28 @@ class _LiveSetting:
     name: str
     """Name of the sources for people."""
     sources: "Sources"
-    shape: "palpate.Shape"
+    shape: "palpate.Shape | palpate.Unknown | palpate.Sketch"
     first_pose: Any
-    """world_T_object at the start, (3,) [m, m, rad]."""
+    """world_T_object at the start, (3,) [m, m, rad]; None if the first contact makes it."""
     first_pose_sigma: Any
     """Standard deviations of the first pose; None for the default."""
 
 
-def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: Bag) -> _LiveSetting:
+def _live_setting(
+    stack: ExitStack,
+    camera: str,
+    poses: str,
+    start: Start,
+    bag: Bag,
+    outline: "palpate.Unknown | palpate.Sketch | None",
+) -> _LiveSetting:
     """Open a camera and a source of poses, which the stack closes. Raises SettingError on missing or wrong options."""
     from palpate.live.camera import camera_sources, hand_sources
     from palpate.types.hand import by_finger
     from palpate.types.sensor_file import known_sensor
 
     first, sigma = start.pose_and_sigma()
-    if bag.shape is None or first is None:
+    if bag.shape is None or (first is None and not isinstance(outline, palpate.Unknown)):
         raise SettingError("--camera needs --shape NAME|AxB|FILE, --first-pose X Y THETA or --first-pose-unknown")
     placement = {field.name: getattr(bag.choices, field.name) for field in fields(Placement)}
     given = Bag(bag.shape, bag.shape_unit, bag.shape_layer, bag.sensor, bag.mounts, BagOptions(**placement))
@@ -290,7 +309,7 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
         names = ("shape", "shape_unit", "shape_layer", "sensor", "mounts", *placement)
         words = ", ".join(f"--{name.replace('_', '-')}" for name in names)
         raise SettingError(f"--camera: of the options for bags, only {words} apply")
-    shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
+    shape = outline or palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
     hand = bag.hand(camera)
     with progress_bar("looking for images and poses"):
         if hand is None:
@@ -301,13 +320,15 @@ def _live_setting(stack: ExitStack, camera: str, poses: str, start: Start, bag: 
     return _LiveSetting(f"camera {camera}", sources, shape, first, sigma)
 
 
-def _replay_setting(file: Path, start: Start, bag: Bag) -> _LiveSetting:
+def _replay_setting(
+    file: Path, start: Start, bag: Bag, outline: "palpate.Unknown | palpate.Sketch | None"
+) -> _LiveSetting:
     """Return a recording as sources that play it in real time."""
     from palpate.live.sources import replayed
-    from palpate.pipeline.track import first_pose_of_recording
+    from palpate.pipeline.track import start_of
 
     given_pose, given_sigma = start.pose_and_sigma()
-    recording = bag.read(file).recording
+    recording = read_for(outline, Source(bag), file).recording
     sources = replayed(recording)
-    first, sigma = first_pose_of_recording(recording, palpate.NoiseSettings(), given_pose, given_sigma)
-    return _LiveSetting(file.name, sources, recording.shape, first, sigma)
+    first, sigma = start_of(recording, palpate.NoiseSettings(), given_pose, given_sigma, outline)
+    return _LiveSetting(file.name, sources, outline or recording.shape, first, sigma)

@@ -11,6 +11,7 @@ from typing import Any
 
 import palpate
 from palpate.cli.console import complain, progress_bar, progress_log
+from palpate.cli.learnt_outline import read_for
 from palpate.cli.options import Start
 from palpate.cli.quantities import ANGLE, LENGTH, quantity
 from palpate.cli.sources import Source
@@ -34,6 +35,8 @@ class Way:
     calibration: "palpate.Calibration | Mapping[str, palpate.Calibration] | None" = None
     first_poses: Mapping[str, Start] | None = None
     """Starts by the names of files, in place of one for all."""
+    outline: "palpate.Unknown | palpate.Sketch | None" = None
+    """Outline that is to be learnt, in place of that of the recording."""
 
     def start_of(self, file: Path) -> Start:
         """Return the start of a recording. Raises SettingError if there is none in the table of first poses."""
@@ -46,7 +49,7 @@ class Way:
 
     def read(self, file: Path) -> "palpate.BagReading":
         """Return a recording, and the plane of its push. Raises PalpateError."""
-        return self.source.read(file)
+        return read_for(self.outline, self.source, file)
 
     def about(self, file: Path) -> dict[str, Any]:
         """Return the state of a recording's file and the settings it is tracked by, as plain data."""
@@ -57,6 +60,7 @@ class Way:
             **asdict(self.source),
             "model": self.model and self.model.hash,
             "calibration": _hash_of(self.calibration),
+            **({} if self.outline is None else {"outline": asdict(self.outline)}),
         }
         about = {"file": str(file.absolute()), "size": stat.st_size, "modified_ns": stat.st_mtime_ns}
         return json.loads(json.dumps({**about, "options": options}, default=str))
@@ -164,7 +168,7 @@ def track_file(file: Path, folder: Path, way: Way, outputs: Outputs) -> dict[str
             logger.info("writing %s", folder)
             write_files(run, part, plane, way.about(file), outputs.names())
 
-        start: Any = {"first_pose": first_pose, "first_pose_sigma": sigma}
+        start: Any = {"first_pose": first_pose, "first_pose_sigma": sigma, "outline": way.outline}
         model: Any = {"settings": way.settings, "model": way.model, "calibration": way.calibration}
         load_estimator(0 if recording.hand is None else len(recording.hand.fingers))
         with progress_bar(file.name, len(recording)) as progress:

@@ -6,10 +6,11 @@ those of `Answer.origin` with the number of answers of each, as "as before 1; sh
 
 Each estimate is written as three messages: a `PoseStamped`, which viewers draw; a `PoseWithCovarianceStamped`, whose
 covariance is about the axes of the header's frame, as in ROS, not about those of the object; and a `DiagnosticArray`.
+An outline that is learnt adds three `PolygonStamped`, which viewers draw, too: itself and the edges of its 95 % band.
 """
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ import numpy as np
 
 from palpate.arrays import Array
 from palpate.files import whole_file
+from palpate.geometry import se2
 from palpate.io import ros_messages as ros
 from palpate.types.estimate import Answers, Estimate, Trajectory, origins_text
+from palpate.types.outline import Outline
 from palpate.types.space import Plane, out_of_plane, spatial_covariance
 
 COVARIANCE = ("xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
@@ -28,21 +31,26 @@ UPPER = np.triu_indices(3)
 POSES = "/palpate/object_pose"
 POSES_WITH_COVARIANCE = "/palpate/object_pose_with_covariance"
 DIAGNOSTICS = "/palpate/diagnostics"
+OUTLINES = ("/palpate/outline", "/palpate/outline_inner", "/palpate/outline_outer")
+"""Topics of an outline that is learnt, and of the edges of its 95 % band."""
 LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 """DiagnosticStatus level of statuses: 0 is ok, 2 an error. All others have level 1, a warning."""
 
 
-def write_estimates_mcap(trajectory: Trajectory, path: Path, plane: Plane, answers: Answers = ()) -> None:
-    """Write estimates, with any answers beside them, as messages.
+def write_estimates_mcap(
+    trajectory: Trajectory, path: Path, plane: Plane, answers: Answers = (), outlines: Sequence[Outline] = ()
+) -> None:
+    """Write estimates, with any answers beside them and any outline that is learnt, as messages.
 
     Raises FileError if the file exists, or times cannot be stamps.
     """
     stamps = ros.nanoseconds(path, trajectory.time)
     rows = zip(*vars(trajectory).values(), strict=True)  # the fields of an Estimate up to the reason
     answers_of_rows = answers or ((),) * len(trajectory)
+    outline_of_rows = outlines or (None,) * len(trajectory)
     with ros.new_mcap(path) as file:
-        for stamp, row, answers_of_row in zip(stamps, rows, answers_of_rows, strict=True):
-            file.add(stamp, estimate_messages(plane, stamp, Estimate(*row, answers=answers_of_row)))
+        for stamp, row, those, outline in zip(stamps, rows, answers_of_rows, outline_of_rows, strict=True):
+            file.add(stamp, estimate_messages(plane, stamp, Estimate(*row, answers=those, outline=outline)))
 
 
 def estimate_messages(
@@ -67,11 +75,24 @@ def estimate_messages(
         hardware_id="palpate",
         values=[ros.message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
-    return {
+    outlines = {} if estimate.outline is None else _outline_messages(plane, header, estimate.pose, estimate.outline)
+    return outlines | {
         POSES: ros.message(ros.POSE, header=header, pose=pose),
         POSES_WITH_COVARIANCE: ros.message(ros.POSE_WITH_COVARIANCE, header=header, pose=pose_with_covariance),
         DIAGNOSTICS: ros.message("diagnostic_msgs/msg/DiagnosticArray", header=header, status=[diagnosis]),
     }
+
+
+def _outline_messages(plane: Plane, header: Any, pose: Array, outline: Outline) -> dict[str, Any]:
+    """Return a learnt outline and both edges of its 95 % band at a pose (3,), by topic."""
+    messages = {}
+    for topic, line in zip(OUTLINES, (outline.points, *outline.edges()), strict=True):
+        in_plane = se2.transform(pose, line)
+        places = np.column_stack((in_plane, np.full(len(line), plane.height))) @ plane.axes.T
+        points = [ros.message("geometry_msgs/msg/Point32", x=x, y=y, z=z) for x, y, z in places.tolist()]
+        polygon = ros.message("geometry_msgs/msg/Polygon", points=points)
+        messages[topic] = ros.message("geometry_msgs/msg/PolygonStamped", header=header, polygon=polygon)
+    return messages
 
 
 def write_estimates_csv(data: Trajectory, path: Path, answers: Answers = ()) -> None:

@@ -70,6 +70,11 @@ def about_dataset(folder: Path) -> dict[str, Any]:
     return about | {"advice": f"{own_command()} convert {folder} OUT.mcap --episode 0{options}", "features": rows}
 
 
+def has_outline(folder: Path) -> bool:
+    """Return True for a dataset that states what the object is."""
+    return (folder / ABOUT).exists()
+
+
 def read_lerobot(
     folder: Path,
     episode: int,

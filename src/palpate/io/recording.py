@@ -77,6 +77,8 @@ class Recording:
     """world_T_finger, (N, 3) [m, m, rad], of fingers that move in the hand, in place of their mounts"""
     image_times: Mapping[str, Array] | None = None
     """(N,) times [s] at which images were taken, where they are not those of the frames"""
+    is_shape_known: bool = True
+    """false if `shape` only takes the place of an outline that nobody knows"""
 
     def __post_init__(self) -> None:
         if not isinstance(self.shape, Shape):

@@ -13,7 +13,7 @@ import io
 import json
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +91,8 @@ def write_recording(recording: Recording, path: Path | str, overwrite: bool = Fa
     stamps = ros.nanoseconds(path, recording.time)
     stated = {name: getattr(recording, name) for name in STATED}
     about = {name: json.dumps(np.asarray(value).tolist()) for name, value in stated.items() if value is not None}
+    if not recording.is_shape_known:
+        about["is_shape_known"] = "false"
     arrays = {name: getattr(recording, name) for name in FRAME_ARRAYS}
     if recording.hand is not None:
         about |= about_hand(recording.hand)
@@ -159,6 +161,7 @@ def read_recording(path: Path | str) -> Recording:
         shape = shape_from_dict(json_object(about.get("shape", ""), "metadata shape"))
         sensor = sensor_from_dict(json_object(about.get("sensor", ""), "metadata sensor"))
         hand = hand_from_dict(json_object(about["hand"], "metadata hand")) if "hand" in about else None
+        is_shape_known = about.get("is_shape_known") != "false"
         files = {name: data for name, data in attachments.items() if name.startswith(ARRAYS)}
         if not files:
             # Of a live session: each image gets the sensor's pose at its time. The time of recording is taken, which
@@ -167,7 +170,8 @@ def read_recording(path: Path | str) -> Recording:
             topics = {name: image_topic(name) for name in hand.fingers} if hand else {}
             images = ",".join(f"{name}={topic}" for name, topic in topics.items()) or IMAGES
             choices = BagChoices(orientation, images=images, sensor_poses=SENSOR_POSES, clock="log")
-            return read_bag(path, shape, choices, hand or sensor).recording
+            recording = read_bag(path, shape, choices, hand or sensor).recording
+            return replace(recording, is_shape_known=is_shape_known)
         arrays = {name.removeprefix(ARRAYS).removesuffix(".npy"): _parsed(name, data) for name, data in files.items()}
         for name in ("time", "sensor_pose"):
             if name not in arrays:
@@ -184,6 +188,7 @@ def read_recording(path: Path | str) -> Recording:
             extra={name[6:]: value[:count] for name, value in arrays.items() if name.startswith("extra/")},
             file=path,
             hand=hand,
+            is_shape_known=is_shape_known,
             **(_finger_fields(hand, by_finger, images) if hand else {}),
         )
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from palpate.arrays import Array, Image
 from palpate.errors import FileError, FrameError, PalpateError
-from palpate.geometry.shapes import Shape
+from palpate.geometry.shapes import Disc, Shape
 from palpate.io import ros_messages as ros
 from palpate.io.estimates import estimate_messages
 from palpate.io.recording_mcap import IMAGES, SENSOR_POSES, about_hand, describe, image_topic
@@ -30,6 +30,7 @@ from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand
 from palpate.types.images import decode_image, encode_image
 from palpate.types.measurements import Frame
+from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 from palpate.types.space import flat
 
@@ -242,16 +243,20 @@ def stop_on_signals() -> Iterator[threading.Event]:
 
 
 @contextmanager
-def recorder(path: Path, shape: Shape, sources: Sources, force: bool = False) -> Iterator[Listen]:
+def recorder(path: Path, shape: Shape | Unknown | Sketch, sources: Sources, force: bool = False) -> Iterator[Listen]:
     """Yield a function that records images, poses and estimates of a session into a new MCAP.
 
-    Raises FileError if the file exists, unless `force`.
+    Where the outline is not known, the recording says so, and has one that takes its place. Raises FileError if the
+    file exists, unless `force`.
     """
     ros.ros_types("cdr")  # loading them takes a quarter of a second, which the first step should not wait for
     plane = flat()
     with ros.new_mcap(path, force, growing=True) as file:
         sensor = sources.sensor
         about = {"is_view_known": str(sources.is_view_known).lower()}
+        if isinstance(shape, Unknown | Sketch):
+            about |= {"is_shape_known": "false"}
+            shape = Disc(0.5 * shape.mean_width) if isinstance(shape, Unknown) else shape.shape
         if isinstance(sensor, Hand):
             describe(file, shape, sensor.whole, about | about_hand(sensor))
         else:

@@ -16,6 +16,7 @@ from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.pipeline.metrics import deviations, flag_runs, pose_words, rotation_errors, translation_errors
 from palpate.pipeline.track import Run
+from palpate.status import is_unknown
 from palpate.types.estimate import Status
 
 if TYPE_CHECKING:
@@ -98,7 +99,8 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
 def draw_from_above(axes: "Axes", run: Run) -> None:
     """Draw the paths of object and sensor, the outline at the start, and ellipses of the estimate, from above."""
     online = run.online
-    axes.plot(*outline_at(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
+    if not run.outlines:
+        axes.plot(*outline_at(run, run.first_pose), color=START, lw=1.0, ls=":", label="start")
     if run.summary["scored_frames"]:
         axes.plot(*millimetres(run.recording.truth[:, :2]), color=TRUTH, lw=3.0, label="truth")
     axes.plot(*millimetres(online.pose[:, :2]), color=ESTIMATE, lw=1.4, label="estimate")
@@ -109,6 +111,10 @@ def draw_from_above(axes: "Axes", run: Run) -> None:
         label = "" if index else "sensor (dotted: no contact)"
         axes.plot(*millimetres(touching), color=SENSOR, lw=1.6, label=label)
     frames = np.linspace(0, len(online) - 1, 12).astype(int)
+    if run.outlines:
+        axes.fill([], [], facecolor=ESTIMATE, alpha=0.15, lw=0, label="95 % band of the outline")
+        # Before it is touched, an object that nobody drew may have no place.
+        frames = frames[[not is_unknown(yaw) for yaw in np.sqrt(online.covariance[frames, 2, 2])]]
     ellipses = ellipses_95(online.pose[frames], online.covariance[frames])
     lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
     axes.plot(*millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
@@ -137,9 +143,12 @@ def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
     """Draw the object and the sensor's pads at a frame."""
     drawn: list[Artist] = []
     truth = run.recording.truth[frame]
-    if np.isfinite(truth).all():
+    if np.isfinite(truth).all() and run.recording.is_shape_known:
         drawn += axes.fill(*outline_at(run, truth), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)
-    drawn += axes.plot(*outline_at(run, run.online.pose[frame]), color=ESTIMATE, lw=1.8)
+    if run.outlines:
+        drawn += axes.fill(*band_at(run, frame), facecolor=ESTIMATE, alpha=0.15, lw=0)
+        drawn += axes.plot(*touched_at(run, frame), color=ESTIMATE, lw=4.0, alpha=0.5)
+    drawn += axes.plot(*estimated_outline_at(run, frame), color=ESTIMATE, lw=1.8)
     for sensor, pose in run.recording.tips():
         for pad in sensor.pads:
             drawn += axes.fill(*millimetres(se2.transform(pose[frame], pad)), color=SENSOR, alpha=0.8, lw=0)
@@ -201,6 +210,29 @@ def outline_at(run: Run, pose: Array) -> Array:
     """Return the closed outline (2, P) [mm] at a pose (3,)."""
     outline = run.recording.shape.outline(100)
     return millimetres(se2.transform(pose, np.concatenate((outline, outline[:1]))))
+
+
+def estimated_outline_at(run: Run, frame: int) -> Array:
+    """Return the closed outline (2, P) [mm] as it is known at a frame, at its estimated pose."""
+    pose = run.online.pose[frame]
+    if not run.outlines:
+        return outline_at(run, pose)
+    points = run.outlines[frame].points
+    return millimetres(se2.transform(pose, np.concatenate((points, points[:1]))))
+
+
+def band_at(run: Run, frame: int) -> Array:
+    """Return the 95 % band of a learnt outline at a frame as one area (2, P) [mm]: its outer edge, then the inner."""
+    inner, outer = run.outlines[frame].edges()
+    area = np.concatenate((outer, outer[:1], inner[:1], inner[::-1]))
+    return millimetres(se2.transform(run.online.pose[frame], area))
+
+
+def touched_at(run: Run, frame: int) -> Array:
+    """Return the touched parts of a learnt outline at a frame (2, P) [mm], NaN in between."""
+    outline = run.outlines[frame]
+    points = np.where(outline.touched[:, None], outline.points, np.nan)
+    return millimetres(se2.transform(run.online.pose[frame], np.concatenate((points, points[:1]))))
 
 
 def millimetres(points: Array) -> Array:

@@ -12,6 +12,7 @@ from palpate.arrays import Array, Flags
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FileError
 from palpate.geometry import se2
+from palpate.geometry.shapes import Shape
 from palpate.io.recording import Recording
 from palpate.touch.background import SteadyImages, first_frames
 from palpate.touch.calibration import Calibration
@@ -21,19 +22,19 @@ logger = logging.getLogger(__name__)
 
 
 def release_after_start(
-    recording: Recording, first_pose: Array, first_pose_sigma: Array, tactile: str
+    recording: Recording, first_pose: Array, first_pose_sigma: Array, tactile: str, largest: Shape | None = None
 ) -> Calibration | None:
     """Return a calibration with the untouched gel of a recording that begins in contact.
 
     None if by its first pose (3,) it cannot begin in contact, or if no later images show an untouched gel against which
-    the first ones are touched.
+    the first ones are touched. `largest` is the largest outline that the object may have, by default the recording's.
     """
     if recording.image is None or tactile not in ("auto", "learnt"):
         return None
     sensor = recording.sensor
     count = first_frames(sensor.rate)
     first_sensor_poses = recording.sensor_pose[:count]
-    gap = sensor.gaps(first_sensor_poses, np.tile(first_pose, (len(first_sensor_poses), 1)), recording.shape)
+    gap = sensor.gaps(first_sensor_poses, np.tile(first_pose, (len(first_sensor_poses), 1)), largest or recording.shape)
     if gap.min() > LARGEST_ERROR[0] + UNLIKELY * np.hypot(*first_pose_sigma[:2]):
         return None
     steady = SteadyImages(sensor.rate)

@@ -43,6 +43,7 @@ def run_lines(name: str, summary: Mapping[str, Any], folder: Path) -> list[str]:
         error = f"{summary['final_translation_error_mm']:.1f} mm, {summary['final_rotation_error_deg']:.1f}°"
         rmse = f"{summary['translation_rmse_mm']:.1f} mm, {summary['rotation_rmse_deg']:.1f}°"
         lines["final error"] = f"{error}; RMSE of all frames {rmse}"
+    lines |= _outline_line(summary)
     lines |= _status_lines(summary)
     warnings = summary.get("warnings", [])
     if warnings:
@@ -54,6 +55,16 @@ def run_lines(name: str, summary: Mapping[str, Any], folder: Path) -> list[str]:
     lines["files"] = f"{folder / FIGURE}, and beside it {', '.join(others)}"
     width = max(map(len, lines)) + 2
     return [f"{title.ljust(width)}{text}" for title, text in lines.items()]
+
+
+def _outline_line(summary: Mapping[str, Any]) -> dict[str, str]:
+    """Return a line on an outline that was learnt, if there is one."""
+    if "outline_touched_share" not in summary:
+        return {}
+    words = f"{summary['outline_touched_share']:.0%} touched, 1 sigma {summary['outline_sigma_mm']:.1f} mm"
+    if summary.get("outline_rms_mm") is not None:
+        words += f"; error where touched {summary['outline_rms_mm']:.1f} mm"
+    return {"outline": words}
 
 
 def _status_lines(summary: Mapping[str, Any], most: int = 2) -> dict[str, str]:

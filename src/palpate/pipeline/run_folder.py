@@ -14,6 +14,7 @@ import palpate
 from palpate.errors import FileError
 from palpate.files import write_json
 from palpate.io.estimates import write_estimates_csv, write_estimates_mcap, write_tum
+from palpate.io.learnt_outlines import write_outline
 from palpate.io.recording_mcap import write_recording
 from palpate.pipeline.figures import draw, run_figure
 from palpate.pipeline.track import Run
@@ -31,6 +32,8 @@ MCAP = "estimates.mcap"
 """The estimates as messages, if they are asked for."""
 TRAJECTORY = "trajectory.tum"
 """The estimates as evo reads them, if they are asked for."""
+OUTLINE = "outline.json"
+"""The outline as it was learnt, if it was unknown or a sketch."""
 TRUTH = "truth.tum"
 """Ground truth, likewise."""
 
@@ -46,7 +49,8 @@ def new_run(folder: Path, force: bool = False) -> Iterator[Path]:
         raise FileError(f"{folder}: is a file, or not the name of a new folder")
     if folder.exists() and not force:
         raise FileError(f"{folder}: already exists; --force replaces a run, --out names another folder")
-    foreign = sorted({path.name for path in folder.glob("*")} - FILES - {RECORDING, PAGE, MCAP, TRAJECTORY, TRUTH})
+    may_hold = FILES | {RECORDING, PAGE, MCAP, TRAJECTORY, TRUTH, OUTLINE}
+    foreign = sorted({path.name for path in folder.glob("*")} - may_hold)
     if foreign:
         raise FileError(f"{folder}: holds {foreign[0]!r}, which is not part of a run, so it is not replaced")
     target = folder.resolve()  # it may be a link
@@ -99,7 +103,7 @@ def write_files(
     }
     write_estimates_csv(online, folder / "estimates.csv", run.answers)
     if MCAP in names:
-        write_estimates_mcap(online, folder / MCAP, space, run.answers)
+        write_estimates_mcap(online, folder / MCAP, space, run.answers, run.outlines)
     if TRAJECTORY in names:
         write_tum(online.time, online.pose, folder / TRAJECTORY, space)
         if np.isfinite(run.recording.truth).any():
@@ -107,6 +111,8 @@ def write_files(
     # Packed quickly, as it is a tenth larger then and takes two thirds of the time.
     quickly = {"compress_level": 1}
     draw(folder / "figure.png", lambda file: run_figure(run).savefig(file, format="png", dpi=120, pil_kwargs=quickly))
+    if run.outlines:
+        write_outline(run.outlines[-1], folder / OUTLINE)
     if recording_file is None:
         write_recording(run.recording, folder / RECORDING)
     # Last of all, as a folder with a summary counts as whole.

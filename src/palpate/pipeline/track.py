@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
 from palpate.checks import without_gradient
-from palpate.config import NoiseSettings, TrackerSettings
+from palpate.config import ANYWHERE_SIGMA, NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError, kept_warnings, one_line
 from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
@@ -20,6 +20,13 @@ from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.check_hand import check_calibrations
 from palpate.pipeline.check_motion import mismatches
 from palpate.pipeline.first_release import release_after_start
+from palpate.pipeline.learnt_outline import (
+    in_frame_of_truth,
+    is_anywhere,
+    largest_shape,
+    outline_scores,
+    warn_of_flags_alone,
+)
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
 from palpate.pipeline.report import reasons_of
 from palpate.sensors import compiled_model_of
@@ -28,6 +35,7 @@ from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
 from palpate.types.choices import TactileChoice
 from palpate.types.estimate import Answers, Estimate, Trajectory
+from palpate.types.outline import Outline, Sketch, Unknown
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +65,8 @@ class Run:
     """Scores of the online estimates; see `metrics.summarise`."""
     calibrations: Mapping[str, Calibration] = field(default_factory=dict)
     """Calibrations of a hand's fingers that were given."""
+    outlines: tuple[Outline, ...] = ()
+    """The outline as it was known at each frame, (N,); none if it was known from the start."""
 
 
 def track(
@@ -67,6 +77,7 @@ def track(
     first_pose_sigma: ArrayLike | None = None,
     model: TouchModel | None = None,
     calibration: Calibration | Mapping[str, Calibration] | None = None,
+    outline: Unknown | Sketch | None = None,
     progress: Callable[[int], None] | None = None,
     keep: Callable[[Run], object] | None = None,
 ) -> Run:
@@ -74,8 +85,9 @@ def track(
 
     `first_pose` (3,) [m, m, rad] is world_T_object at the start, with standard deviations `first_pose_sigma` (3,); by
     default see `first_pose_of_recording`. Without a calibration, the untouched gel of a recording that begins in
-    contact is taken from its first release. `progress` is called with the number of frames done. A frame that cannot be
-    used is skipped, see `tracked_frames`.
+    contact is taken from its first release. `outline` takes the place of the recording's, which is then used for scores
+    alone; an unknown one without a first pose is where it is touched first, see `pipeline.learnt_outline`. `progress`
+    is called with the number of frames done. A frame that cannot be used is skipped, see `tracked_frames`.
 
     Raises SettingError if the recording lacks something that the settings need, EstimationError if no estimate can be
     computed or the first frame cannot be used. If an error or Ctrl-C ends tracking early, it is raised after `keep` was
@@ -90,19 +102,20 @@ def track(
         )
     total = len(recording)
     settings = settings or TrackerSettings()
-    first, sigma = first_pose_of_recording(recording, settings.noise, first_pose, first_pose_sigma)
-    _check_content(recording, settings.tactile)
+    first, sigma = start_of(recording, settings.noise, first_pose, first_pose_sigma, outline)
+    _check_content(recording, settings.tactile, outline)
     check_calibrations(recording, calibration)
     warm_up(compiled_model_of(len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
     with kept_warnings() as warnings:
         of_fingers = calibration if isinstance(calibration, Mapping) else {}
         unit = None if isinstance(calibration, Mapping) else calibration
         if unit is None:
-            unit = release_after_start(recording, first, sigma, settings.tactile)
+            unit = release_after_start(recording, first, sigma, settings.tactile, largest_shape(outline))
         start: Any = {name: getattr(recording, name) for name in ("set_up_sigma", "is_view_known")}
         start["first_pose_sigma"] = sigma
         sensor = recording.hand or recording.sensor
-        tracker = Tracker(recording.shape, sensor, first, settings, model, of_fingers or unit, **start)
+        warn_of_flags_alone(recording, settings.tactile, outline)
+        tracker = Tracker(outline or recording.shape, sensor, first, settings, model, of_fingers or unit, **start)
         logger.info("first pose %s, sigma %s [m, m, rad]", first.tolist(), sigma.tolist())
         logger.info("touch is %s: %s", tracker.tactile, tracker.tactile_reason or "as asked")
         logger.info("tracking %d frames of %s", total, recording.sensor.name)
@@ -110,23 +123,50 @@ def track(
     if failure is not None:
         recording = _tracked_part(recording, estimates, failure, keep)
     settings = replace(settings, tactile=tracker.tactile)
+    if outline is not None and is_anywhere(sigma):
+        estimates = in_frame_of_truth(estimates, recording.truth)
+        first = estimates[0].pose
     online, answers = gathered(estimates)
-    for sentence in mismatches(recording, online.contact, first, sigma):
+    for sentence in () if outline else mismatches(recording, online.contact, first, sigma):
         warnings.append(sentence)
         logger.warning("%s: %s", recording.file or "the recording", sentence)
     wall_s = time.perf_counter() - begin
     summary = _scores(recording, settings, online, step_ms, wall_s)
     summary |= _scores_of_estimates(recording, estimates, online, answers)
     summary |= {"warnings": [*recording.warnings, *warnings], "mirrored": tracker.mirrored}
+    outlines = tuple(each.outline for each in estimates if each.outline is not None)
+    summary |= outline_scores(outlines, recording)
     summary["ended"] = _end_of(failure, estimates, total)
     if tracker.tactile_reason:
         summary["tactile_reason"] = tracker.tactile_reason
     used_model = _used_model(recording, settings, model)
-    run = Run(recording, settings, used_model, unit, first, sigma, online, answers, step_ms, summary, of_fingers)
+    more: Any = {"calibrations": of_fingers, "outlines": outlines}
+    run = Run(recording, settings, used_model, unit, first, sigma, online, answers, step_ms, summary, **more)
     if failure is not None and keep:
         keep(run)
         raise failure
     return run
+
+
+def start_of(
+    recording: Recording,
+    noise: NoiseSettings,
+    given: ArrayLike | None,
+    sigma: ArrayLike | None,
+    outline: Unknown | Sketch | None,
+) -> tuple[Array, Array]:
+    """Return the first pose (3,) and its standard deviations (3,); an unknown outline may be anywhere.
+
+    Raises SettingError if there is none, or if nothing says which outline the object has.
+    """
+    if outline is None and not recording.is_shape_known:
+        raise SettingError(
+            f"{recording.file or 'the recording'}: its outline is not known; allowed are --shape unknown, or --shape "
+            "FILE with --outline-sigma, in Python outline"
+        )
+    if isinstance(outline, Unknown) and given is None and recording.first_pose is None:
+        return np.zeros(3), np.array(ANYWHERE_SIGMA)
+    return first_pose_of_recording(recording, noise, given, sigma)
 
 
 def _factors(recording: Recording) -> tuple[str, ...]:
@@ -163,8 +203,12 @@ def _scores_of_estimates(
     }
 
 
-def _check_content(recording: Recording, tactile: TactileChoice) -> None:
-    """Raise SettingError if a recording lacks something that tracking with this source of touch needs."""
+def _check_content(recording: Recording, tactile: TactileChoice, outline: Unknown | Sketch | None) -> None:
+    """Raise SettingError if a recording lacks something that tracking with this source of touch and outline needs."""
+    if outline is not None and recording.hand is not None:
+        raise SettingError(
+            f"{recording.file or 'the recording'}: is of a hand; an outline is learnt by one sensor alone"
+        )
     has_images = recording.image is not None or bool(recording.images)
     lacking = ""
     if not has_images and recording.contact is None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from palpate.arrays import Array, Flags
+from palpate.types.outline import Outline
 
 Status = Literal["resting", "tracking", "ambiguous", "strained", "uncertain", "displaced", "indeterminate", "faulty"]
 """Reliability of an estimate, which `docs/guide/status.md` describes; `palpate.status` decides it."""
@@ -91,6 +92,8 @@ class Estimate:
     """Innovations of the factors `palpate.models.pushing.layout.NAMES`, by the best answer, (F, 6, 3): for each row
     difference of measured and predicted before it was fused, variance of the prediction, and stated one, which is 0
     where there is none. Of sticking and balance, what is left once all is fused. None between contacts."""
+    outline: Outline | None = None
+    """The outline as learnt so far, with its band, if it is unknown or a sketch; None for a known one."""
 
 
 @dataclass(frozen=True, eq=False)

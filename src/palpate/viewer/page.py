@@ -76,6 +76,8 @@ def content(run: Run) -> dict[str, Any]:
         "reasons": reasons,
         "touch": _touch_images(run, frames),
         "outline": np.round(1e3 * recording.shape.outline(100), 2).tolist(),
+        "showsTruth": recording.is_shape_known,
+        "learnt": _learnt_outlines(run, frames),
         "tips": [
             {"pads": [np.round(1e3 * pad, 2).tolist() for pad in sensor.pads], "pose": _poses(pose[frames])}
             for sensor, pose in recording.tips()
@@ -159,6 +161,21 @@ def _picture(figure: "Figure", first: "Axes", last: "Axes") -> dict[str, Any]:
 def _shown_frames(count: int, most: int = 1500) -> "np.typing.NDArray[np.int_]":
     """Return the frames that the page shows: all, or some of a long run at equal steps, and the last."""
     return np.unique(np.append(np.arange(0, count, -(-count // most)), count - 1))
+
+
+def _learnt_outlines(
+    run: Run, frames: "np.typing.NDArray[np.int_]", most: int = 300
+) -> list[tuple[int, list[Any], list[Any], list[Any]]]:
+    """Return outlines as they were learnt, each with its place among the frames: points, inner and outer edge [mm]."""
+    if not run.outlines:
+        return []
+    places = range(0, len(frames), -(-len(frames) // most))
+    learnt = []
+    for place in dict.fromkeys([*places, len(frames) - 1]):
+        outline = run.outlines[frames[place]]
+        lines = (np.round(1e3 * line, 1).tolist() for line in (outline.points, *outline.edges()))
+        learnt.append((place, *lines))
+    return learnt
 
 
 def _touch_images(

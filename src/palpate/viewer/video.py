@@ -12,7 +12,17 @@ from palpate.errors import FileError, SettingError
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
 from palpate.hints import library
-from palpate.pipeline.figures import ESTIMATE, OTHERS, SENSOR, TRUTH, millimetres, outline_at, run_figure
+from palpate.pipeline.figures import (
+    ESTIMATE,
+    OTHERS,
+    SENSOR,
+    TRUTH,
+    band_at,
+    estimated_outline_at,
+    millimetres,
+    outline_at,
+    run_figure,
+)
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Answer, count_origins
 from palpate.viewer.touch_picture import picture_size, touch_picture
@@ -95,21 +105,25 @@ class _Moving:
             above.fill(*np.zeros((2, 3)), color=SENSOR, alpha=0.8, lw=0)[0] for _ in run.recording.sensor.pads
         ]
         self._truth = above.fill(*np.zeros((2, 3)), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)[0]
+        self._band = above.fill(*np.zeros((2, 3)), facecolor=ESTIMATE, alpha=0.15, lw=0)[0]
         self._estimate = above.plot([], [], color=ESTIMATE, lw=1.8)[0]
         self._ellipse = above.plot([], [], color=ESTIMATE, lw=1.0)[0]
         self._others = above.plot([], [], color=OTHERS, lw=1.0)[0]
         self._now = [axes.axvline(0.0, color="black", lw=1.0) for axes in plots]
-        self.artists: list[Any] = [self._truth, self._estimate, *self._pads, self._ellipse, self._others, *self._now]
+        lines = [self._estimate, *self._pads, self._ellipse, self._others, *self._now]
+        self.artists: list[Any] = [self._truth, self._band, *lines]
 
     def move(self, frame: int) -> None:
         """Move all to a frame."""
         run = self._run
         online = run.online
         truth = run.recording.truth[frame]
-        self._truth.set_visible(bool(np.isfinite(truth).all()))
+        self._truth.set_visible(bool(np.isfinite(truth).all()) and run.recording.is_shape_known)
         if self._truth.get_visible():
             self._truth.set_xy(outline_at(run, truth).T)
-        self._estimate.set_data(*outline_at(run, online.pose[frame]))
+        if run.outlines:
+            self._band.set_xy(band_at(run, frame).T)
+        self._estimate.set_data(*estimated_outline_at(run, frame))
         for artist, pad in zip(self._pads, run.recording.sensor.pads, strict=True):
             artist.set_xy(millimetres(se2.transform(run.recording.sensor_pose[frame], pad)).T)
         self._ellipse.set_data(*millimetres(ellipses_95(online.pose[frame], online.covariance[frame])))

@@ -1,0 +1,213 @@
+"""The estimator of pose and outline together: a sum of Gaussians, each of pose, friction and the curve of tip centres.
+
+Where a tip touches, and along which normal, are known in the world, so that the object's motion follows from them and
+from friction alone; what was touched adds up to a curve, and a curve that was touched before corrects the motion.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.arrays import Array
+from palpate.config import TrackerSettings
+from palpate.errors import SettingError
+from palpate.exploring.curve import outline_radii
+from palpate.exploring.evidence import form_evidence, pose_evidence
+from palpate.exploring.explored import Explored
+from palpate.exploring.observing import observe
+from palpate.exploring.pushing import Push, begin_contact, carry, move
+from palpate.exploring.rows import CENTER, CURVE, Place, Rows
+from palpate.exploring.start import rows_about_origin, rows_behind_contact
+from palpate.geometry import se2
+from palpate.types.measurements import ContactDirection, Frame, Measurement, TouchMeasurement
+from palpate.types.outline import Outline, Sketch, Unknown
+from palpate.types.sensor import SensorProfile
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Settings of the explorer."""
+
+    interval: float = 0.25
+    """Time between two observations of the curve [s], in which errors of directions become others."""
+    way: float = 5e-4
+    """Motion of the contact between two observations [m]; without, nothing new is seen."""
+    smoothing: float = 0.1
+    """Time over which directions are smoothed for the motion [s]."""
+    unmeasured: float = 0.25
+    """Deviation of a direction that was not measured: a contact is somewhere on the tip [rad]."""
+    points: int = 128
+    """Number of points of the outline."""
+    shown: int = 20
+    """Largest number of rows, the best ones, whose outlines are shown as one."""
+    patch: float = 0.004
+    """Length to each side of a contact that counts as touched [m]."""
+
+
+_SETTINGS = _Settings()
+
+
+@dataclass
+class _Contact:
+    """A contact while it lasts."""
+
+    sensor_pose: Array
+    """Sensor pose at the last frame."""
+    time: float
+    """Time of the last frame [s]."""
+    direction: float
+    """Smoothed direction in the sensor frame [rad]."""
+    observed_at: float = -math.inf
+    """Time of the last observation of the curve [s]."""
+    way: float = math.inf
+    """Motion of the sensor's surface since then [m]."""
+
+
+class Explorer:
+    """Estimates pose and outline of one object: `step` takes a frame and returns what is known after it."""
+
+    takes: tuple[type[Measurement], ...] = (TouchMeasurement,)
+    """Kinds of measurements that it takes, of which directions tell of the outline; others are left out with a warning
+    before they come to it."""
+
+    def __init__(self, outline: Unknown | Sketch, sensor: SensorProfile, settings: TrackerSettings) -> None:
+        """Take what is known of the outline; the sensor; and the settings, with the noise of this sensor unit.
+
+        Several tips are taken to touch together. Raises SettingError on a sensor with a flat pad.
+        """
+        if sensor.flat_width > 0.0:
+            allowed = "an outline that is not known is learnt by round tips alone"
+            raise SettingError(f"sensor {sensor.name!r} has a flat pad of {sensor.flat_width:g} m; {allowed}")
+        self._given = outline
+        self._sensor = sensor
+        self._settings = settings
+        self._reach = sensor.radius - settings.noise.priors.depth[0]
+        self._angles: Array = np.arange(_SETTINGS.points) * np.float64(2.0 * np.pi / _SETTINGS.points)
+
+    def begin(self, pose: Array, covariance: Array) -> None:
+        """Begin with the object's pose (3,) and its covariance (3, 3), and what was given of the outline."""
+        self._begin(rows_about_origin(self._given, pose, covariance, self._settings.noise.priors, self._reach))
+
+    def begin_behind_contact(self, pose: Array, covariance: Array) -> None:
+        """Begin with a pose that a contact has made, half the mean width behind it along x."""
+        assert isinstance(self._given, Unknown)
+        self._begin(rows_behind_contact(self._given, pose, covariance, self._settings.noise.priors, self._reach))
+
+    def _begin(self, rows: Rows) -> None:
+        """Begin with rows that have not been touched."""
+        self._rows = rows
+        self._touched = np.zeros(_SETTINGS.points, np.bool_)
+        self._has_directions = False
+        self._contact: _Contact | None = None
+        self._outline = self._outline_of_rows()
+
+    def end_contact(self, moved: float = 0.0) -> None:
+        """Take the object as released; something else may have moved it meanwhile by this much [m]."""
+        self._contact = None
+        self._rows.covariance[:, CENTER, CENTER] += moved**2 * np.eye(2)
+        radius_squared = np.exp(self._rows.mean[:, Place.FRICTION_RADIUS])
+        self._rows.covariance[:, Place.YAW, Place.YAW] += moved**2 / radius_squared
+
+    def step(self, frame: Frame, measurements: Sequence[Measurement]) -> Explored:
+        """Take a checked frame with all its measurements, by touch and others; its `contact` is True or False."""
+        point = None
+        normal = None
+        if frame.contact:
+            point, normal = self._touch(frame, [one for one in measurements if isinstance(one, ContactDirection)])
+        pose, covariance = self._rows.pose()
+        calibration = np.square(self._settings.noise.sensor_pose.calibration)
+        covariance = covariance + np.diag(calibration)
+        length, _ = self._settings.tolerance
+        form = form_evidence(self._outline, self._given, length, self._has_directions)
+        evidence = pose_evidence(covariance, bool(frame.contact), self._settings.tolerance, form)
+        return Explored(pose, covariance, self._outline, evidence, point, normal, self._friction())
+
+    def _touch(self, frame: Frame, directions: Sequence[ContactDirection]) -> tuple[Array, Array]:
+        """Take a frame in contact; return the contact point and the outward normal, (2,) each, in the world."""
+        noise = self._settings.noise
+        angle = directions[0].angle if directions else None
+        deviation = _SETTINGS.unmeasured
+        if directions:
+            self._has_directions = True
+            own = noise.direction.share * directions[0].variance
+            deviation = math.sqrt(max(own, noise.direction.floor**2) + noise.priors.direction_bias[1] ** 2)
+        last = self._contact
+        if last is None:
+            begin_contact(self._rows)
+            self._contact = _Contact(frame.sensor_pose, frame.time, angle or 0.0)
+        else:
+            self._contact = self._pushed(last, frame, angle)
+        contact = self._contact
+        normal = np.exp(1j * (frame.sensor_pose[2] + contact.direction))
+        point = self._middle(frame.sensor_pose) + self._reach * normal
+        if frame.time - contact.observed_at >= _SETTINGS.interval and contact.way >= _SETTINGS.way:
+            seen = contact.direction if angle is None else angle
+            for tip in se2.transform(frame.sensor_pose, self._sensor.centers):
+                center = complex(tip[0], tip[1])
+                observe(self._rows, center, frame.sensor_pose[2] + seen, deviation)
+                self._mark_touched(center + self._reach * normal)
+            contact.observed_at = frame.time
+            contact.way = 0.0
+            self._outline = self._outline_of_rows()
+        return _vector(point), -_vector(normal)
+
+    def _pushed(self, last: _Contact, frame: Frame, angle: float | None) -> _Contact:
+        """Move the object with the sensor since the last frame; return the contact now."""
+        direction = last.direction
+        if angle is not None:
+            weight = -math.expm1(-(frame.time - last.time) / _SETTINGS.smoothing)
+            direction += weight * math.remainder(angle - direction, 2.0 * math.pi)
+        before = self._middle(last.sensor_pose)
+        now = self._middle(frame.sensor_pose)
+        turn = math.remainder(frame.sensor_pose[2] - last.sensor_pose[2], 2.0 * math.pi)
+        normal = np.exp(1j * (frame.sensor_pose[2] + direction))
+        motion = now - before + 1j * turn * self._reach * normal
+        push = Push(before + self._reach * normal, normal, motion)
+        if len(self._sensor.tips) > 1:
+            carry(self._rows, push, turn)
+        else:
+            move(self._rows, push)
+        return _Contact(frame.sensor_pose, frame.time, direction, last.observed_at, last.way + abs(motion))
+
+    def _middle(self, sensor_pose: Array) -> complex:
+        """Return the middle of all tips' centres in the world [m], with a sensor pose (3,)."""
+        x, y = se2.transform(sensor_pose, self._sensor.centers).mean(axis=0).tolist()
+        return complex(x, y)
+
+    def _mark_touched(self, point: complex) -> None:
+        """Mark the points of the outline about a contact point in the world as touched."""
+        pose, _ = self._rows.pose()
+        in_object = (point - complex(pose[0], pose[1])) * np.exp(-1j * pose[2])
+        wide = np.arctan2(_SETTINGS.patch, abs(in_object))
+        apart = np.angle(np.exp(1j * (self._angles - np.angle(in_object))))
+        self._touched |= np.abs(apart) <= max(wide, np.pi / _SETTINGS.points)
+
+    def _outline_of_rows(self) -> Outline:
+        """Return the outline of the best rows together."""
+        weight = self._rows.weight
+        best = np.argsort(-weight, kind="stable")[: _SETTINGS.shown]
+        share = weight[best] / weight[best].sum()
+        rows = self._rows
+        curve = rows.mean[best][:, CURVE]
+        radii, deviations = outline_radii(
+            curve, rows.covariance[best][:, CURVE, CURVE], rows.pole[best], self._reach, self._angles
+        )
+        radius = share @ radii
+        variance = share @ (np.square(radii - radius) + np.square(deviations))
+        points = radius[:, None] * np.column_stack((np.cos(self._angles), np.sin(self._angles)))
+        return Outline(points, np.sqrt(variance), self._touched.copy())
+
+    def _friction(self) -> tuple[float, float]:
+        """Return the coefficient of friction between sensor and object with its deviation."""
+        weight = self._rows.weight
+        grips = self._rows.mean[:, Place.GRIP]
+        mean = float(weight @ grips)
+        variance = float(weight @ (np.square(grips - mean) + self._rows.covariance[:, Place.GRIP, Place.GRIP]))
+        return math.exp(mean), math.exp(mean) * math.sqrt(variance)
+
+
+def _vector(value: complex) -> Array:
+    """Return a complex number as a vector (2,)."""
+    return np.array((value.real, value.imag))

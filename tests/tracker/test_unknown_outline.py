@@ -1,0 +1,223 @@
+"""An object that nobody drew is touched from all sides: what a tracker says of its outline, pose and status."""
+
+import copy
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate import DIGIT, ContactDirection, Disc, Frame, Outline, Polygon, Rectangle, Sketch, Tracker, Unknown
+
+RADIUS = 0.06
+FIRST = np.array((0.0, 0.0, 0.2))
+
+
+def touches(radius: float = RADIUS, sides: int = 8, frames: int = 10, directions: bool = True) -> list[Frame]:
+    """Frames of a tip that touches a resting disc about the origin head on from several sides."""
+    seen: list[Frame] = []
+    for side in range(sides):
+        way = 2.0 * np.pi * side / sides
+        outward = np.array((np.cos(way), np.sin(way)))
+        for step in range(frames + 2):
+            is_touching = step < frames
+            place = (radius - 3e-4 if is_touching else radius + 0.05) * outward
+            pose = np.array((*place, way + np.pi))
+            measured = (ContactDirection(0.0, 0.02**2),) if is_touching and directions else ()
+            seen.append(Frame(len(seen) / 30.0, pose, contact=is_touching, measurements=measured))
+    return seen
+
+
+def tracker_of(shape: Unknown | Sketch, first: np.ndarray | None = None, **more) -> Tracker:
+    return Tracker(shape, DIGIT, first, palpate.TrackerSettings("none"), **more)
+
+
+def tracked(
+    shape: Unknown | Sketch, seen: list[Frame] | None = None, first: np.ndarray | None = None
+) -> list[palpate.Estimate]:
+    tracker = tracker_of(shape, first)
+    return [tracker.update(frame) for frame in seen or touches()]
+
+
+def outline_of(estimate: palpate.Estimate) -> Outline:
+    assert estimate.outline is not None
+    return estimate.outline
+
+
+def test_a_known_outline_is_not_repeated_in_each_estimate():
+    tracker = Tracker(Disc(RADIUS), DIGIT, FIRST, palpate.TrackerSettings("none"))
+    assert tracker.update(touches()[0]).outline is None
+
+
+def test_the_outline_has_points_around_the_origin_with_a_band_that_narrows_where_it_is_touched():
+    estimates = tracked(Unknown((0.05, 0.2)), first=np.zeros(3))
+    last = outline_of(estimates[-1])
+    count = len(last.points)
+    assert last.points.shape == (count, 2) and last.deviation.shape == last.touched.shape == (count,)
+    angle = np.arctan2(last.points[:, 1], last.points[:, 0]) % (2.0 * np.pi)
+    assert np.allclose(angle, 2.0 * np.pi * np.arange(count) / count)
+    first = outline_of(estimates[0])
+    assert last.touched.sum() > first.touched.sum()
+    assert last.deviation[last.touched].mean() < 0.5 * first.deviation[~first.touched].mean()
+    assert np.allclose(last.signed_distance(last.points), 0.0, atol=1e-12)
+    inner, outer = last.edges()
+    assert last.signed_distance(inner[::8]).max() <= 1e-12 and last.signed_distance(outer[::8]).min() >= -1e-12
+    assert isinstance(last.shape, Polygon)
+
+
+def test_the_first_contact_makes_the_object_frame():
+    """Without a first pose the origin is half the mean size behind the contact, along its direction."""
+    (estimate, *_) = tracked(Unknown((0.06, 0.1)), touches(frames=1, sides=1))
+    assert np.allclose(estimate.pose[:2], (RADIUS - 3e-4 - 0.04, 0.0), atol=2e-3)
+    assert abs(np.sin(estimate.pose[2])) < 0.05 and np.cos(estimate.pose[2]) < 0.0
+    before = tracked(Unknown(), [Frame(0.0, np.array((0.3, 0.0, 0.0)), contact=False)])[0]
+    assert before.status == "uncertain" and before.covariance[0, 0] > 0.5
+
+
+def test_contacts_on_one_side_enclose_nothing():
+    estimates = tracked(Unknown(), touches(sides=1))
+    assert {estimate.status for estimate in estimates} == {"uncertain"}
+    assert "enclose nothing" in estimates[-1].reason
+
+
+def test_contact_flags_alone_do_not_tell_a_form():
+    last = tracked(Unknown(), touches(directions=False))[-1]
+    assert last.status == "uncertain" and "contact directions" in last.reason
+
+
+def test_begin_anew_forgets_the_outline():
+    tracker = tracker_of(Unknown(), FIRST)
+    first = outline_of(tracker.update(touches(sides=1)[-1]))
+    tracker.reset()
+    touched = [outline_of(tracker.update(frame)).touched.any() for frame in touches(sides=3)]
+    assert touched[-1]
+    tracker.reset(np.array((0.5, 0.0, 0.0)))
+    again = tracker.update(touches(sides=1)[-1])
+    assert np.allclose(again.pose, (0.5, 0.0, 0.0)) and not outline_of(again).touched.any()
+    assert np.allclose(outline_of(again).deviation, first.deviation)
+
+
+def test_a_measurement_that_needs_a_known_outline_is_left_out_with_a_warning(caplog):
+    class Own(palpate.OwnMeasurement):
+        on = ("object_pose",)
+
+        def residual(self, pose):
+            return pose
+
+    seen = [replace(frame, measurements=(*frame.measurements, Own())) for frame in touches(sides=1)]
+    mixed = tracked(Unknown(), seen, FIRST)
+    assert [record.message.count("Own") for record in caplog.records] == [1]
+    for one, other in zip(mixed, tracked(Unknown(), touches(sides=1), FIRST), strict=True):
+        assert np.array_equal(one.pose, other.pose)
+
+
+def test_a_copy_of_a_tracker_goes_on_by_itself():
+    seen = touches(sides=3)
+    tracker = tracker_of(Unknown(), FIRST)
+    for frame in seen[:20]:
+        tracker.update(frame)
+    copies = [copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))]
+    last = [[one.update(frame) for frame in seen[20:]][-1] for one in (*copies, tracker)]
+    for one in last[:2]:
+        assert np.array_equal(one.pose, last[2].pose)
+        assert np.array_equal(outline_of(one).deviation, outline_of(last[2]).deviation)
+
+
+def test_estimates_can_be_copied_to_other_processes():
+    last = tracked(Unknown(), touches(sides=2))[-1]
+    sent = pickle.loads(pickle.dumps(last))
+    assert np.array_equal(sent.outline.points, outline_of(last).points)
+
+
+@pytest.mark.parametrize("size", [(0.2, 0.05), (0.0, 0.1), 0.1, (0.05, "wide"), (50.0, 200.0), (0.1, float("nan"))])
+def test_sizes_that_are_not_allowed_are_named(size):
+    with pytest.raises(palpate.SettingError, match="size"):
+        Unknown(size)
+
+
+@pytest.mark.parametrize("sigma", [0.0, -0.005, 5.0, float("nan"), "5mm"])
+def test_sigmas_that_are_not_allowed_are_named(sigma):
+    with pytest.raises(palpate.SettingError, match="sigma"):
+        Sketch(Disc(RADIUS), sigma)
+
+
+def test_a_sketch_is_seen_whole_from_its_origin():
+    with pytest.raises(palpate.SettingError, match="origin"):
+        Sketch(Polygon(np.array(((0.01, 0.0), (0.1, 0.0), (0.1, 0.1), (0.01, 0.1)))), 0.005)
+    spiral = ((0.0, -0.02), (0.1, -0.02), (0.1, 0.08), (-0.02, 0.08), (-0.02, 0.06), (0.08, 0.06), (0.08, 0.02))
+    with pytest.raises(palpate.SettingError, match="hides"):
+        Sketch(Polygon(np.array((*spiral, (0.0, 0.02))) - (0.02, 0.0)), 0.002)
+    with pytest.raises(palpate.SettingError, match="outline"):
+        Sketch("disc", 0.005)  # pyright: ignore[reportArgumentType]
+    Sketch(Rectangle(0.1, 0.05), 0.005)
+
+
+def test_what_an_outline_that_is_learnt_cannot_have_is_refused():
+    mounts = {"left": (0.0, 0.02, 0.0), "right": (0.0, -0.02, 0.0)}
+    with pytest.raises(palpate.SettingError, match="hand"):
+        Tracker(Unknown(), {"left": "digit", "right": "digit"}, FIRST, mounts=mounts)
+    with pytest.raises(palpate.SettingError, match="first pose"):
+        tracker_of(Sketch(Disc(RADIUS), 0.005))
+    with pytest.raises(palpate.SettingError, match="outline"):
+        tracker_of(Unknown(), FIRST).variable("grip")
+
+
+def test_an_outline_can_be_the_sketch_of_the_next_tracker():
+    outline = outline_of(tracked(Unknown((0.05, 0.2)))[-1])
+    sketch = Sketch(outline.shape, min(outline.sigma, 0.01))
+    estimate = tracked(sketch, first=np.zeros(3))[0]
+    assert np.abs(outline_of(estimate).signed_distance(outline.points)).max() < 2e-3
+
+
+def band(wide: float, points: np.ndarray | None = None) -> Outline:
+    """An outline of 90 points whose band is wide about an angle [rad]."""
+    angle = np.arange(90) * (2.0 * np.pi / 90)
+    circle = RADIUS * np.column_stack((np.cos(angle), np.sin(angle)))
+    deviation = np.where(np.cos(angle - wide) > 0.9, 0.02, 0.001)
+    return Outline(circle if points is None else points, deviation, deviation < 0.01)
+
+
+def test_the_next_push_is_where_the_band_is_wide():
+    push = palpate.next_push(band(2.0))
+    assert np.cos(np.arctan2(push.point[1], push.point[0]) - 2.0) > 0.9
+    assert np.dot(push.direction, push.point) == pytest.approx(-RADIUS, rel=1e-3)
+    assert (
+        push.information
+        > palpate.next_push(Outline(band(2.0).points, np.full(90, 1e-3), np.ones(90, bool))).information
+    )
+
+
+def test_the_next_push_is_in_the_middle_of_what_was_not_touched():
+    angle = np.arange(90) * (2.0 * np.pi / 90)
+    half = Outline(band(0.0).points, np.where(np.sin(angle) > -0.5, 0.001, 0.03), np.sin(angle) > -0.5)
+    push = palpate.next_push(half)
+    assert np.allclose(push.point, (0.0, -RADIUS), atol=5e-3)
+
+
+def test_the_next_push_of_an_estimate_is_in_the_world():
+    first = np.array((0.3, -0.2, np.pi / 2.0))
+    estimate = tracked(Unknown(), touches(sides=1)[-1:], first)[0]
+    push = palpate.next_push(estimate)
+    of_outline = palpate.next_push(outline_of(estimate))
+    assert np.allclose(push.point, (0.3 - of_outline.point[1], -0.2 + of_outline.point[0]))
+    assert np.allclose(push.direction, (-of_outline.direction[1], of_outline.direction[0]))
+
+
+def test_the_next_push_is_where_the_tip_gets_to():
+    """A notch is narrower than the tip: it is not pushed there, though nothing is known of it."""
+    angle = np.arange(90) * (2.0 * np.pi / 90)
+    radius = np.where(np.abs(np.angle(np.exp(1j * (angle - 2.0)))) < 0.1, 0.04, RADIUS)
+    notched = band(2.0, radius[:, None] * np.column_stack((np.cos(angle), np.sin(angle))))
+    wide = Outline(notched.points, np.where(radius < 0.05, 0.03, 0.001), notched.touched)
+    point = palpate.next_push(wide).point
+    held = palpate.next_push(wide, tip_radius=0.02).point
+    assert np.hypot(*point) < 0.05 < np.hypot(*held)
+
+
+def test_the_next_push_of_a_known_outline_is_refused():
+    known = Tracker(Disc(RADIUS), DIGIT, FIRST, palpate.TrackerSettings("none")).update(touches()[0])
+    with pytest.raises(palpate.EstimationError, match="outline"):
+        palpate.next_push(known)
+    with pytest.raises(palpate.SettingError, match="tip_radius"):
+        palpate.next_push(band(0.0), tip_radius=-1.0)
