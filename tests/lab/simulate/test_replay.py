@@ -182,7 +182,7 @@ def test_each_finger_of_a_hand_has_images_of_its_own(replayed):
     [
         (push()[0], "a replay by 2 fingers needs a sensor of as many tips, 2 or 3; it has 1"),
         (
-            hand_push(object_pose=np.add(hand_push().object_pose, (0.0, 0.0, 0.2))),
+            hand_push(object_pose=hand_push().truth + np.array((0.0, 0.0, 0.2))),
             "frames 18 to 57 of the replay (0.60 to 1.90 s): the tips are",
         ),
     ],
