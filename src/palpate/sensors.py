@@ -27,7 +27,7 @@ from palpate.models.pushing.measurements import Fingers, OfFinger
 from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, PoseEvidence, Verdict, decide, turn_words
 from palpate.touch.background import Background
 from palpate.touch.pipeline import TouchReader
-from palpate.tracker_arguments import FirstPose, Unit, noise_of_hand, noise_of_unit
+from palpate.tracker_arguments import FirstPose, Unit, noise_of_hand, noise_of_unit, priors_of_finger
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import Frame, Measurement
@@ -283,7 +283,9 @@ class SeveralFingers:
         noise = noise_of_hand(settings.noise, set_up_sigma, len(hand.fingers))
         self._settings = replace(settings, noise=noise)
         self._may_be_exchanged = not is_view_known and len(hand.fingers) == 2
-        self._priors_of_fingers = tuple(noise_of_unit(settings.noise, unit).priors for unit in units.values())
+        self._priors_of_fingers = tuple(
+            priors_of_finger(settings.noise, unit, set_up_sigma, len(units)) for unit in units.values()
+        )
 
     def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
         """Return the filter of a hand."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.arrays import Array
 from palpate.checks import SPAN, TURNS
-from palpate.config import ANYWHERE_SIGMA, UNLIKELY, NoiseSettings, TrackerSettings
+from palpate.config import ANYWHERE_SIGMA, UNLIKELY, NoiseSettings, Priors, TrackerSettings
 from palpate.errors import SettingError
 from palpate.geometry.shapes import check_outline
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
@@ -206,3 +206,23 @@ def noise_of_hand(noise: NoiseSettings, set_up_sigma: ArrayLike | None, fingers:
     of_one = _with_set_up(noise, set_up_sigma)
     x, y, yaw = (sigma / math.sqrt(fingers) for sigma in of_one.sensor_pose.calibration)
     return replace(of_one, sensor_pose=replace(of_one.sensor_pose, calibration=(x, y, yaw)))
+
+
+def priors_of_finger(noise: NoiseSettings, unit: Unit, set_up_sigma: ArrayLike | None, fingers: int) -> Priors:
+    """Return the prior of the variables that one of so many fingers has for itself.
+
+    What the offsets of all fingers have in common cannot be measured. What one differs from it can, as two fingers see
+    one object: it is in the indentation along the finger, and in the bias of its directions.
+    """
+    priors = noise_of_unit(noise, unit).priors
+    if unit.calibration is not None and unit.calibration.set_up is not None:
+        return priors  # which has the finger's own mounting
+    share = math.sqrt(1.0 - 1.0 / fingers)
+    along, _, yaw = _with_set_up(noise, set_up_sigma).sensor_pose.calibration
+    depth, depth_sigma = priors.depth
+    bias, bias_sigma = priors.direction_bias
+    return replace(
+        priors,
+        depth=(depth, math.hypot(depth_sigma, share * along)),
+        direction_bias=(bias, math.hypot(bias_sigma, share * yaw)),
+    )

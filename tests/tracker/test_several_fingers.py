@@ -1,6 +1,7 @@
 """A hand of two fingers, each a sensor of its own, pushes a rectangle flat with both of them, or a disc with one."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ def updated(tracker: Tracker, frames: list[Frame]) -> list[palpate.Estimate]:
 
 
 def test_two_fingers_on_one_side_see_its_yaw_at_once():
-    tracker = hand()
+    tracker = hand(set_up_sigma=np.zeros(3))
     frames = push(16)
     first = tracker.update(frames[0][0])
     assert not first.contact
@@ -70,6 +71,29 @@ def test_two_fingers_on_one_side_see_its_yaw_at_once():
     assert abs(estimates[-1].pose[2]) < 0.4 * OFF[2]  # no touch measures a direction here
     assert math.sqrt(estimates[-1].covariance[2, 2]) < 0.5 * SIGMA[2]
     assert abs(estimates[-1].pose[0] - frames[-1][1][0]) < 1.2e-3
+
+
+def test_a_finger_beside_its_mount_turns_the_object_less_than_directions_allow():
+    beside = {"left": (0.0, 0.02, 0.0), "right": (1.5e-3, -0.02, 0.0)}  # but the right one is beside the left one
+    yaws = []
+    for set_up in (None, np.zeros(3)):
+        touch = {"left": Directions(), "right": Directions()}
+        tracker = Tracker(
+            BOX,
+            dict.fromkeys(beside, TIP),
+            np.zeros(3),
+            first_pose_sigma=SIGMA,
+            mounts=beside,
+            touch=touch,
+            set_up_sigma=set_up,
+            is_view_known=True,
+        )
+        last = updated(tracker, [frame for frame, _ in push(40)])[-1]
+        yaws.append((abs(last.pose[2]), math.sqrt(last.covariance[2, 2])))
+    (doubted, sigma), (believed, least_sigma) = yaws
+    assert doubted < 0.6 * believed
+    assert doubted < 2.0 * sigma
+    assert least_sigma < sigma
 
 
 def test_the_object_turns_with_fingers_that_hold_it():
@@ -219,6 +243,23 @@ def test_fingers_that_face_each_other_may_move_back_and_sideways():
     assert [estimate.contact for estimate in estimates] == [k >= 20 for k in range(len(WAY))]
     assert not any("of its own frame" in estimate.reason for estimate in estimates)
     np.testing.assert_allclose(estimates[-1].pose[:2], 0.03, atol=4e-3)  # it comes along
+
+
+def test_fingers_that_open_touch_no_more_whatever_their_images_show():
+    rng = np.random.default_rng(8)
+    images = rng.normal(90.0, 1.0, (len(WAY), 40, 30, 3))
+    images[20:, 10:30, 8:22] += 60.0  # and it stays on the gel
+    opened = np.concatenate([np.zeros(40), np.linspace(0.0, 0.012, 30)])
+    frames = []
+    for k, frame in enumerate(pinching(np.zeros(len(WAY)), images=images.clip(0, 255).astype(np.uint8))):
+        poses = {name: (0.0, math.copysign(0.05 + opened[k], y), yaw) for name, (_, y, yaw) in GRIPPER.items()}
+        frames.append(replace(frame, finger_poses=poses))
+    tracker = Tracker(
+        BOX, dict.fromkeys(GRIPPER, CAMERA), np.zeros(3), palpate.TrackerSettings(tactile="none"), mounts=GRIPPER
+    )
+    estimates = updated(tracker, frames)
+    assert [estimate.contact for estimate in estimates[:50]] == [k >= 20 for k in range(50)]
+    assert not any(estimate.contact for estimate in estimates[60:])
 
 
 @pytest.mark.parametrize("rate", [30, 60])

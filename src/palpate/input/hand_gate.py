@@ -75,6 +75,12 @@ class Finger:
     """Time between its last two images [s]."""
     seen_at: float | None = None
     """Time of the last image or flag that was used [s]."""
+    in_hand: Array | None = None
+    """Its place in the hand then, hand_T_finger (3,) [m, m, rad]."""
+
+    def closed(self, mount: Array) -> float:
+        """Return how far it has moved in the hand along its x since then [m], from there to hand_T_finger (3,)."""
+        return 0.0 if self.in_hand is None else float(se2.between(self.in_hand, mount)[0])
 
     def holds(self, time: float) -> bool:
         """Return True if what it last showed still holds at a time [s]."""
@@ -158,6 +164,7 @@ class HandGate:
             finger.queue = ImageQueue()
             finger.touches = False
             finger.seen_at = None
+            finger.in_hand = None
         self.last = None
         self._path = []
 
@@ -214,6 +221,7 @@ class HandGate:
             if finger.seen_at is not None:
                 finger.interval = time - finger.seen_at
             finger.seen_at = time
+            finger.in_hand = checked.mounts[finger.number]
         self.last = checked.frame
         self._path = self._path_with_frame
 
@@ -288,6 +296,7 @@ class HandGate:
                     _PredictedFinger(predicted, finger.number),
                     reader.reads_images,
                     reader.needs_colours,
+                    finger.closed(mounts[finger.number]),
                 )
             except FrameError as error:
                 errors.append(error)

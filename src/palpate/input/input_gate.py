@@ -97,11 +97,13 @@ class InputGate:
         predicted: Predicted,
         reads_images: bool = False,
         needs_colours: bool = False,
+        closed: float = 0.0,
     ) -> CheckedFrame:
         """Return a frame with its image in the profile's view, contact as the image shows it, and what was found.
 
         `predicted` says where the sensor is to the object, as known so far. `reads_images` says that touch is measured
-        in images, and `needs_colours` that grey ones will not do. Raises FrameError if the frame cannot be used.
+        in images, and `needs_colours` that grey ones will not do. A finger that holds the object with another has
+        `closed` in the hand by so much [m] since the frame before. Raises FrameError if the frame cannot be used.
         """
         frame = corrected.frame
         self._check_time(frame)
@@ -109,7 +111,7 @@ class InputGate:
         goes_on_unseen = self._goes_on_unseen(seen, frame.sensor_pose, predicted)
         self._remember_touch(seen)
         may_be_in_contact = seen.contact or goes_on_unseen
-        motion = self._poses.check_pose(frame.time, frame.sensor_pose, may_be_in_contact, self._changes)
+        motion = self._poses.check_pose(frame.time, frame.sensor_pose, may_be_in_contact, self._changes, closed)
         has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
         if has_drawn_back and seen.image is not None:
             self._detector.forget()  # the gel or the light has changed

@@ -77,7 +77,8 @@ class SensorMotion(NamedTuple):
     hidden: float
     """Possible motion in a contact while the pose is frozen [m]."""
     drawn_back: float
-    """Distance along its x axis from the sensor back to its farthest point in this contact [m]."""
+    """Distance along its x axis from the sensor back to its farthest point in this contact [m]; of a finger that holds
+    the object with another, in the hand."""
 
 
 class PoseMonitor:
@@ -117,10 +118,13 @@ class PoseMonitor:
                 f"next that follows it is taken{unit and '; '}{unit}"
             )
 
-    def check_pose(self, time: float, measured: Array, in_contact: bool, touch: TouchChanges) -> SensorMotion:
+    def check_pose(
+        self, time: float, measured: Array, in_contact: bool, touch: TouchChanges, closed: float = 0.0
+    ) -> SensorMotion:
         """Take a pose (3,) [m, m, rad] and return the motion to it; `touch` has seen this frame.
 
-        Raises FrameError on a jump in a contact; between contacts it does no harm.
+        A finger that holds the object with another has `closed` on it by so much [m], below 0 if it opened. Raises
+        FrameError on a jump in a contact; between contacts it does no harm.
         """
         x, y, yaw = measured.tolist()
         now = _Sample(time, (x, y, yaw))
@@ -146,7 +150,7 @@ class PoseMonitor:
         self._elsewhere = []
         self._last = now
         self._in_contact = in_contact
-        self._follow(now, repeats, goes_on, is_elsewhere)
+        self._follow(now, repeats, goes_on, is_elsewhere, self._moved.real if self._only_pushes else closed)
         self._is_frozen = repeats and (self._is_frozen or (in_contact and self._moves_hidden(touch)))
         hidden = self._way_since_stop(time) if self._is_frozen and in_contact else 0.0
         self._hidden = hidden if hidden > _LIMITS.harmless_motion else 0.0
@@ -177,14 +181,17 @@ class PoseMonitor:
         is_long = abs(self._pushed) * math.cos(SIDEWAYS_PUSH) >= LARGEST_ERROR[0]
         return cmath.phase(self._pushed) if is_long else 0.0
 
-    def _follow(self, now: _Sample, repeats: bool, goes_on: bool, is_elsewhere: bool) -> None:
-        """Take a plausible pose into the motion of this contact, or begin another motion with it."""
+    def _follow(self, now: _Sample, repeats: bool, goes_on: bool, is_elsewhere: bool, forward: float) -> None:
+        """Take a plausible pose into the motion of this contact, or begin another motion with it.
+
+        The sensor went `forward` into the object by so much since the frame before [m].
+        """
         stands_frozen = repeats and self._is_frozen
         if is_elsewhere or not (goes_on or stands_frozen):
             self._different.clear()
             self._drawn_back = 0.0
         elif goes_on:
-            self._drawn_back = max(self._drawn_back - self._moved.real, 0.0) if self._only_pushes else 0.0
+            self._drawn_back = max(self._drawn_back - forward, 0.0)
         if not self._different or (goes_on and not repeats):
             self._different.append(now)
         if not repeats:

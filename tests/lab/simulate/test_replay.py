@@ -144,6 +144,55 @@ def test_a_hand_of_two_fingers_keeps_its_yaw(replayed):
     np.testing.assert_allclose(g[:, 0], -HALF + made.extra["indentation"][REST:], atol=1e-6)
 
 
+def hand_push(**changes) -> Recording:
+    """Return a push by two tips that keep their yaw, as `push` makes it of one."""
+    recording, _ = push(turn=0.0, slip=0.004, tip=HAND)
+    hand = np.zeros((40, 3))
+    hand[:, :2] = np.array([0.1 + HAND.radius, 0.2]) + recording.time[:, None] * (0.03, 0.0)
+    return replace(recording, **{"sensor_pose": hand, **changes})
+
+
+def test_each_finger_of_a_hand_has_images_of_its_own(replayed):
+    recording = hand_push()
+    made = replayed(recording, "--fingers", "2", "--seed", "4")
+    assert made.hand is not None and made.images is not None and made.contacts is not None
+    assert dict(made.hand.mounts) == {"left": (0.0, 0.009, 0.0), "right": (0.0, -0.009, 0.0)}
+    assert set(made.hand.fingers.values()) == {replace(DIGIT, rate=30.0)}
+    np.testing.assert_array_equal(made.object_pose[REST:], recording.object_pose)
+    depths = [made.extra[f"{name}/indentation"][REST:] for name in made.hand.fingers]
+    assert np.ptp(depths, axis=0).max() > 1e-5 and np.min(depths) > 0.0
+    # The hand moves as recorded, and on by what the gels give.
+    on = planar.between(recording.sensor_pose, made.sensor_pose[REST:])
+    np.testing.assert_allclose(on, np.column_stack((np.mean(depths, axis=0), np.zeros((40, 2)))), atol=1e-9)
+    frames = list(made)
+    for name, touches in made.contacts.items():
+        assert touches.tolist() == [False] * REST + [True] * 40
+        np.testing.assert_allclose(made.extra[f"{name}/pad_angle"][REST:], 0.0, atol=1e-9)
+        np.testing.assert_allclose(made.extra[f"{name}/slip"][REST:], 0.004, atol=1e-9)
+        images = np.array([frame.images[name] for frame in frames], dtype=float)
+        change = np.maximum(np.abs(images - images[:15].mean(axis=0)) - 8.0, 0.0)  # more than noise
+        assert change[REST + 4 :].sum(axis=(1, 2, 3)).min() > 10.0 * change[:REST].sum(axis=(1, 2, 3)).max()
+    left, right = (frames[REST + 20].images[name].astype(float) for name in made.hand.fingers)
+    assert np.abs(left - right).mean() > 1.0  # two units
+    assert replayed(None, "--fingers", "2", "--seed", "4").file.read_bytes() == made.file.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("recording", "said"),
+    [
+        (push()[0], "a replay by 2 fingers needs a sensor of as many tips, 2 or 3; it has 1"),
+        (
+            hand_push(object_pose=hand_push().truth + np.array((0.0, 0.0, 0.2))),
+            "frames 18 to 57 of the replay (0.60 to 1.90 s): the tips are",
+        ),
+    ],
+)
+def test_a_motion_whose_tips_do_not_share_a_side_is_refused(run_palpate, recording, said):
+    write_recording(recording, "push.mcap")
+    code, _, err = run_palpate("simulate", "out", "--replay", "push.mcap", "--fingers", "2")
+    assert code in (2, 3) and "push.mcap: " in err and said in " ".join(err.split())
+
+
 def test_rate_and_gaps_are_those_of_the_motion(replayed):
     fast, _ = push(121, rate=90.0, tip=replace(TIP, rate=90.0))
     there = np.ones(121, np.bool_)

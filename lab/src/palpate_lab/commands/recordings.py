@@ -1,6 +1,6 @@
 """`palpate simulate` and `truth`: recordings of a simulated sensor, and ground truth by a camera and printed tags."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -41,7 +41,7 @@ class Pushes:
     """State mounting, outline, time and first pose exactly, as no real set-up does; gel and light stay constant."""
     sensor: Sensor = "digit"
     fingers: int = 1
-    """Fingers of the hand that pushes, each with images of its own: 1 to 3."""
+    """Fingers of the hand that pushes, each with images of its own: 1 to 3. With --replay, its tips as fingers."""
     pinch: bool = False
     """Two fingers hold the object between them and slide it over the table, in place of pushing it."""
     images: Annotated[bool, arg(default="with images")] = True
@@ -92,14 +92,10 @@ def simulate(
         resume: Keep the recordings that are there and make the rest.
     """
     from palpate_lab.simulate.recordings import SUFFIX, fill_folder
-    from palpate_lab.simulate.replay import Replay
 
     if replay:
-        if pushes != Pushes():
-            raise SettingError("--replay takes object and motion from its file; no options of pushes can go with it")
         items: Any = {
-            Path(file.name.removesuffix(".gz")).stem + SUFFIX: Replay(palpate.load_recording(file), seed, unit)
-            for file in replay
+            Path(file.name.removesuffix(".gz")).stem + SUFFIX: _replay(file, pushes, seed, unit) for file in replay
         }
         if len(items) < len(replay):
             raise SettingError("--replay: files of one name would give one file; replay them apart")
@@ -115,6 +111,19 @@ def simulate(
         complain(why if replay else f"{folder / name}: {why}")  # the error of a replay names the file that was read
     files = {"made": made, "kept": kept, "failed": [{"file": name, "error": why} for name, why in failed.items()]}
     return Report("recordings", {"folder": str(folder), **files}, code=3 if failed else 0)
+
+
+def _replay(file: Path, pushes: Pushes, seed: int, unit: int | None) -> Any:
+    """Return the replay of a recording, of which options of pushes say the number of fingers alone."""
+    from palpate_lab.simulate.hand_replay import HandReplay
+    from palpate_lab.simulate.replay import Replay
+
+    if replace(pushes, fingers=1) != Pushes():
+        raise SettingError(
+            "--replay takes object and motion from its file; no options of pushes can go with it but --fingers"
+        )
+    recording = palpate.load_recording(file)
+    return Replay(recording, seed, unit) if pushes.fingers == 1 else HandReplay(recording, seed, unit, pushes.fingers)
 
 
 def truth_print(

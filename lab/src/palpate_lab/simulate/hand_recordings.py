@@ -109,7 +109,7 @@ class HandSimulation(Simulation):
         """Draw units and errors of all fingers by name; those of a robot with a `unit` are always the same."""
         drawn = {}
         for index, name in enumerate(NAMES[self.fingers]):
-            seed = int(np.random.SeedSequence([unit_seed, index]).generate_state(1)[0])
+            seed = seed_of_finger(unit_seed, index)
             errors = None if self.ideal else draw_errors(systematic, None if self.unit is None else seed)
             drawn[name] = _Drawn(draw_unit(self.sensor, seed), errors, camera.spawn(1)[0])
         return drawn
@@ -150,6 +150,11 @@ class HandSimulation(Simulation):
             one = replace(self, side=side)
             images[name] = one._touch_images(motion.of_finger(index), units, finger.camera, count)
         return images
+
+
+def seed_of_finger(unit_seed: int, index: int) -> int:
+    """Return the seed of the unit of one finger of a hand with this seed."""
+    return int(np.random.SeedSequence([unit_seed, index]).generate_state(1)[0])
 
 
 def _gripper(fingers: dict[str, SensorProfile], half: float) -> Hand:

@@ -4,7 +4,7 @@ Object and contact move as recorded, with the same gap between robot and motion 
 as much as the tip did: as its radius R is larger than the tip's r, the contact turns in it by r / R of the angle in the
 tip, and the sensor turns by the rest. So the sensor's pose tells something of the object's yaw, which the real tip's
 did not: compare touch models on the same replay, not with the real recording. A hand of several fingers becomes one
-gel at their middle that keeps the hand's yaw; such replays test touch alone.
+gel at their middle that keeps the hand's yaw; such replays test touch alone. `hand_replay` has a gel for each finger.
 
 An object pose that is unknown for a short time in contact is bridged: seen from the sensor, it moves evenly. In 95 % of
 bridges the worst frame is at most 1.1 mm and 1.8 degrees off.
@@ -63,7 +63,7 @@ class Replay:
     def source(self) -> str:
         """Description of the replay's origin, with all that is needed to make it again."""
         real = self.recording.source or self.recording.file or "a recording"
-        unit = self._seeds()[0]
+        unit = self.seeds()[0]
         return f"motion of {real}; touch rendered by palpate: seed {self.seed}, drawn images of unit {unit}"
 
     def run(self) -> Recording:
@@ -73,12 +73,12 @@ class Replay:
         contact, a gel that does not reach the contact, or a contact off its pad.
         """
         recording = self.recording
-        unit_seed, *seeds = self._seeds()
+        unit_seed, *seeds = self.seeds()
         draws, camera = (np.random.default_rng(each) for each in seeds)
         gel = draw_unit(DIGIT, unit_seed)
         motion, known = real_motion(recording)
         assert motion.object_pose is not None and motion.contact is not None
-        touched = _touched(motion.shape, motion.sensor, se2.between(motion.object_pose, motion.sensor_pose))
+        touched = touched_places(motion.shape, motion.sensor, se2.between(motion.object_pose, motion.sensor_pose))
         pad_angle, depth = _on_the_gel(motion, touched.angle, gel, draws)
         # From the gel's centre, which is behind the contact, to the sensor's origin at its apex.
         behind = gel.radius - depth + touched.gap
@@ -86,10 +86,9 @@ class Replay:
         yaw = np.arctan2(-touched.normal[:, 1], -touched.normal[:, 0]) - pad_angle
         poses = se2.compose(np.column_stack((center, yaw)), np.array([gel.radius, 0.0, 0.0]))
         clearance = recording.shape.signed_distance(center) - behind
-        self._check_contacts(motion, gel, pad_angle, clearance)
+        check_contacts(recording, motion, gel, pad_angle, clearance)
         slip = sliding(motion, touched)
-        # Friction and stiffness as in simulated worlds; friction is nearly full at 5 mm/s.
-        shear = draws.uniform(0.25, 0.6) * draws.uniform(2600.0, 6500.0) * depth * np.tanh(slip / 0.005)
+        shear = tangential_force(depth, slip, draws)
         side = draw_side(camera)
         images = tuple(
             encode_image(render(gel, recording.shape, *values, rng=camera, side=side))
@@ -111,33 +110,38 @@ class Replay:
             },
         )
 
-    def _check_contacts(self, motion: Recording, gel: SensorUnit, pad_angle: Array, clearance: Array) -> None:
-        """Raise SettingError for frames whose contact is off the pad, or out of the gel's reach.
-
-        clearance (N,) [m] is the distance of the gel's surface from the outline, below 0 where another part of the
-        outline is in the way.
-        """
-        assert motion.contact is not None
-        edge = np.degrees(np.arcsin(gel.half_width / gel.radius))
-        angle = np.degrees(np.abs(pad_angle))
-        worst = angle[motion.contact].max()
-        off_pad = f"the contact would be {worst:.0f} degrees from the middle of the gel, whose pad ends at {edge:.0f}"
-        out_of_reach = (
-            f"the outline is hollow, and a gel of radius {gel.radius * 1e3:.0f} mm does not reach the contact"
-        )
-        for is_wrong, reason in ((angle > edge, off_pad), (clearance < -1e-4, out_of_reach)):
-            frames = np.flatnonzero(motion.contact & is_wrong)
-            if len(frames):
-                first, last = frames[[0, -1]]
-                span = f"{motion.time[first]:.2f} to {motion.time[last]:.2f} s"
-                name = self.recording.file or "the recording"
-                raise SettingError(f"{name}: frames {first} to {last} of the replay ({span}): {reason}")
-
-    def _seeds(self) -> tuple[int, np.random.SeedSequence, np.random.SeedSequence]:
+    def seeds(self) -> tuple[int, np.random.SeedSequence, np.random.SeedSequence]:
         """Return the seeds of the unit, the contacts and the camera, different for each file."""
         name = self.recording.file.name if self.recording.file else self.recording.source
         drawn, draws, camera = np.random.SeedSequence([self.seed, zlib.crc32(name.encode())]).spawn(3)
         return int(drawn.generate_state(1)[0]) if self.unit is None else self.unit, draws, camera
+
+
+def check_contacts(real: Recording, motion: Recording, gel: SensorUnit, pad_angle: Array, clearance: Array) -> None:
+    """Raise SettingError for frames whose contact is off the pad, or out of the gel's reach; it names the real file.
+
+    clearance (N,) [m] is the distance of the gel's surface from the outline, below 0 where another part of the outline
+    is in the way.
+    """
+    assert motion.contact is not None
+    edge = np.degrees(np.arcsin(gel.half_width / gel.radius))
+    angle = np.degrees(np.abs(pad_angle))
+    worst = angle[motion.contact].max()
+    off_pad = f"the contact would be {worst:.0f} degrees from the middle of the gel, whose pad ends at {edge:.0f}"
+    out_of_reach = f"the outline is hollow, and a gel of radius {gel.radius * 1e3:.0f} mm does not reach the contact"
+    refuse_frames(real, motion, angle > edge, off_pad)
+    refuse_frames(real, motion, clearance < -1e-4, out_of_reach)
+
+
+def refuse_frames(real: Recording, motion: Recording, is_wrong: Flags, reason: str) -> None:
+    """Raise SettingError for frames (N,) that are wrong in contact, with the reason; it names the real file."""
+    assert motion.contact is not None
+    frames = np.flatnonzero(motion.contact & is_wrong)
+    if len(frames):
+        first, last = frames[[0, -1]]
+        span = f"{motion.time[first]:.2f} to {motion.time[last]:.2f} s"
+        name = real.file or "the recording"
+        raise SettingError(f"{name}: frames {first} to {last} of the replay ({span}): {reason}")
 
 
 def real_motion(recording: Recording) -> tuple[Recording, Flags]:
@@ -178,12 +182,12 @@ def real_motion(recording: Recording) -> tuple[Recording, Flags]:
 def _approach(shape: Shape, sensor: SensorProfile, sensor_pose: Array, object_pose: Array, frames: int) -> Array:
     """Return a straight path (frames, 3) of the sensor from 1 cm off the object to its pose at the first contact."""
     distance = 0.01 * (1.0 - np.append(0.0, minimum_jerk(frames)[:-1]))
-    normal = _touched(shape, sensor, se2.between(object_pose[None], sensor_pose[None])).normal
+    normal = touched_places(shape, sensor, se2.between(object_pose[None], sensor_pose[None])).normal
     away = se2.transform(np.append([0.0, 0.0], object_pose[2]), normal)
     return sensor_pose + np.column_stack((distance[:, None] * away, np.zeros(frames)))
 
 
-def _touched(shape: Shape, sensor: SensorProfile, object_T_sensor: Array) -> Touched:
+def touched_places(shape: Shape, sensor: SensorProfile, object_T_sensor: Array) -> Touched:
     """Return the nearest place of an outline for a sensor at poses (N, 3)."""
     centers = se2.transform(object_T_sensor[:, None], sensor.centers)
     middle = centers.mean(axis=1)
@@ -220,6 +224,14 @@ def sliding(motion: Recording, touched: Touched) -> Array:
             slip[first + 1 : last + 1] = uniform_filter1d(within, 7, mode="nearest")  # motion capture is noisy
             slip[first] = slip[first + 1]
     return slip
+
+
+def tangential_force(depth: Array, slip: Array, rng: np.random.Generator) -> Array:
+    """Draw friction and stiffness as those of simulated worlds, and return the object's force on the gel (N,) [N].
+
+    Friction is nearly full at a slip of 5 mm/s.
+    """
+    return rng.uniform(0.25, 0.6) * rng.uniform(2600.0, 6500.0) * depth * np.tanh(slip / 0.005)
 
 
 def _bridged(recording: Recording) -> Array:
