@@ -106,5 +106,5 @@ WHOLE = FormEvidence(untouched_share=0.0, deviation=2e-3, is_beyond_tolerance=Fa
     ],
 )
 def test_an_outline_that_is_learnt_decides_while_the_pose_is_known(status, words, signs):
-    verdict = decide(Evidence(replace(KNOWN, form=replace(WHOLE, **signs))))
+    verdict = decide(Evidence(KNOWN._replace(form=WHOLE._replace(**signs))))
     assert verdict.status == status and words in verdict.reason and (verdict.reason == "") == (status == "tracking")

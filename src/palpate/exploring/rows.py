@@ -100,8 +100,8 @@ class Rows:
             (4, -1j * back * self.rotation),
         )
         for column, moved in columns:
-            of_pose[:, 0, column] = moved.real
-            of_pose[:, 1, column] = moved.imag
+            of_pose[:, 0, column] = np.real(moved)
+            of_pose[:, 1, column] = np.imag(moved)
         of_pose[:, 2, Place.YAW] = 1.0
         known = of_pose @ self.covariance[:, :5, :5] @ of_pose.transpose(0, 2, 1)
         return np.tensordot(weight, known, axes=1)

@@ -163,8 +163,8 @@ def _follow_pose(whole: Array, center: Complex, rotation: complex, covariance: A
         (4, np.full(count, 1j * rotation)),
     )
     for column, moved in columns:
-        by_given[:, 0, column] = moved.real
-        by_given[:, 1, column] = moved.imag
+        by_given[:, 0, column] = np.real(moved)
+        by_given[:, 1, column] = np.imag(moved)
     by_given[:, 2, 2] = 1.0
     given = np.zeros((count, 5, 5))
     given[:, :3, :3] = covariance
