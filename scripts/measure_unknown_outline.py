@@ -46,9 +46,17 @@ def main(count: int) -> None:
         with quiet():
             found.append({"kind": kind, "name": name, **tracked(make(), number)})
         print(found[-1], flush=True)
-        kinds_found = dict.fromkeys(one["kind"] for one in found)
-        together = {each: summarised([one for one in found if one["kind"] == each]) for each in kinds_found}
-        write("unknown_outline", {"seed": SEED, "planned": count, "together": together, "runs": found})
+        write("unknown_outline", {"seed": SEED, "planned": count, **grouped(found), "runs": found})
+
+
+def grouped(found: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the scores of each kind of recordings together, by outline where they are simulated."""
+    names = dict.fromkeys(one["name"] for one in found if one["kind"] == "simulated")
+    kinds_found = dict.fromkeys(one["kind"] for one in found)
+    return {
+        "together": {kind: summarised([one for one in found if one["kind"] == kind]) for kind in kinds_found},
+        "by_outline": {name: summarised([one for one in found if one["name"] == name]) for name in names},
+    }
 
 
 def planned(count: int) -> list[tuple[str, str, Make]]:

@@ -64,6 +64,18 @@ SEEN = {
 UNSEEN = "five outlines that the model has not seen"
 
 
+OUTLINE_POSES = {
+    "recordings": "{name}",
+    "count": "{recordings}",
+    **{
+        f"{name} outline": f"{{{key}[rms_mm_median]:.1f}} mm, {{{key}[rms_deg_median]:.1f}}° ({{{key}[in_95]:.0%}})"
+        for key, name in (("known", "known"), ("unknown", "unknown"))
+    },
+    "sketch": "{sketch[rms_mm_median]:.1f} mm, {sketch[rms_deg_median]:.1f}° ({sketch[in_95]:.0%})",
+}
+"""Errors of poses with an outline that is known, unknown or a sketch."""
+
+
 def loaded(path: str) -> Any:
     """Return the content of a JSON file of the repository."""
     return json.loads((ROOT / path).read_text(encoding="utf-8"))
@@ -533,39 +545,6 @@ TABLES: dict[str, Table] = {
             "tuning",
         ),
     ),
-    "outline-first-contact": Table(
-        {
-            "errors of directions": "{name}",
-            "yaw after one contact": "{deg:.1f}°",
-            "stated sigma": "{sigma_deg:.1f}°",
-            "in 95 %": "{in_95:.0%}",
-        },
-        of_json(
-            "docs/study/outline_attempt.json",
-            {
-                "none": "none",
-                "constant": "constant",
-                "white": "new in each frame",
-                "lasting": "lasting for ten frames",
-                "both": "constant and lasting",
-                "both_less": "the same, directions count a quarter",
-            },
-            "first_contact",
-        ),
-    ),
-    "outline-cost": Table(
-        {"first contact": "{name}", "at the estimate": "{estimate:.1f}", "near the truth": "{truth:.1f}"},
-        of_json(
-            "docs/study/outline_attempt.json",
-            {
-                "triangle": "triangle",
-                "hexagon": "hexagon",
-                "rounded_square": "rounded square",
-                "butterfly": "butterfly",
-            },
-            "cost",
-        ),
-    ),
     "outline-batch": Table(
         {
             "outline": "{name}",
@@ -588,30 +567,42 @@ TABLES: dict[str, Table] = {
             "batch",
         ),
     ),
-    "outline-batch-runs": Table(
-        {
-            "exploration": "{name}",
-            "cost of the estimate": "{cost:.1f}",
-            "from the true path": "{from_truth:.1f}",
-            "pose error": "{mm:.1f} mm, {deg:.1f}°",
-            "error from the true path": "{truth_mm:.1f} mm, {truth_deg:.1f}°",
-            "error with the known outline": "{known_mm:.1f} mm, {known_deg:.1f}°",
-        },
+    "outline-study": Table(
+        OUTLINE_POSES,
         of_json(
-            "docs/study/outline_attempt.json",
+            "docs/study/unknown_outline.json",
+            {"simulated": "simulated", "MIT": "MIT, real motion", "CMU": "CMU, real motion"},
+            "together",
+        ),
+    ),
+    "outline-study-forms": Table(
+        OUTLINE_POSES,
+        of_json(
+            "docs/study/unknown_outline.json",
             {
                 "triangle": "triangle",
-                "t": "T",
                 "hexagon": "hexagon",
-                "rounded_square": "rounded square",
+                "rounded-square": "rounded square",
+                "t": "T",
                 "butterfly": "butterfly",
-                "triangle_2": "triangle, second",
-                "t_2": "T, second",
-                "hexagon_2": "hexagon, second",
-                "rounded_square_2": "rounded square, second",
-                "butterfly_2": "butterfly, second",
             },
-            "batch_runs",
+            "by_outline",
+        ),
+    ),
+    "outline-study-bands": Table(
+        {
+            "recordings": "{name}",
+            "touched points": "{unknown[touched_rms_mm_median]:.1f} mm",
+            "in the band": "{unknown[touched_in_95]:.0%}",
+            "all points in it": "{unknown[all_in_95]:.0%}",
+            "sketch, touched points": "{sketch[touched_rms_mm_median]:.1f} mm",
+            "sketch, in the band": "{sketch[touched_in_95]:.0%}",
+            "sketch, all points": "{sketch[all_in_95]:.0%}",
+        },
+        of_json(
+            "docs/study/unknown_outline.json",
+            {"simulated": "simulated", "MIT": "MIT, real motion", "CMU": "CMU, real motion"},
+            "together",
         ),
     ),
     "two-fingers": Table(

@@ -38,27 +38,39 @@ def pose_evidence(
     )
 
 
-def form_evidence(outline: Outline, given: Unknown | Sketch, tolerance: float, has_directions: bool) -> FormEvidence:
-    """Return the evidence on an outline, by what was given of it and a tolerance [m].
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Points where a tip has touched, by the pose at that time."""
+
+    points: Array
+    """(C, 2) [m], object frame."""
+    deviation: Array
+    """Standard deviation of each by that of the pose, (C,) [m]."""
+
+
+def form_evidence(
+    outline: Outline, contacts: Contacts, given: Unknown | Sketch, tolerance: float, has_directions: bool
+) -> FormEvidence:
+    """Return the evidence on an outline, by where it was touched, what was given of it and a tolerance [m].
 
     `has_directions` says that touch measured directions or turns so far.
     """
-    touched = outline.points[outline.touched]
-    deviation = float(np.sqrt(np.mean(np.square(outline.deviation[outline.touched])))) if len(touched) else 0.0
+    touched = outline.deviation[outline.touched]
+    deviation = float(np.sqrt(np.mean(np.square(touched)))) if len(touched) else 0.0
     if isinstance(given, Sketch):
         return FormEvidence(
             untouched_share=0.0,
             deviation=deviation,
             is_beyond_tolerance=False,
             has_directions=True,
-            from_sketch=_beyond_sketch(touched, given),
+            from_sketch=_beyond_sketch(contacts, given),
         )
     return FormEvidence(
         untouched_share=_widest_gap(outline),
         deviation=deviation,
         is_beyond_tolerance=2.0 * deviation > tolerance,
         has_directions=has_directions,
-        exceeding_width=_beyond_size(outline, given),
+        exceeding_width=_beyond_size(contacts, given),
     )
 
 
@@ -72,19 +84,19 @@ def _widest_gap(outline: Outline) -> float:
     return widest if widest > _SETTINGS.widest_gap else 0.0
 
 
-def _beyond_size(outline: Outline, given: Unknown) -> float:
+def _beyond_size(contacts: Contacts, given: Unknown) -> float:
     """Return the width of what was touched [m] if it is larger than the stated size; else 0."""
-    touched = outline.points[outline.touched]
-    if len(touched) < 2:
+    if len(contacts.points) < 2:
         return 0.0
-    width = float(np.ptp(touched, axis=0).max())
-    sure = width - _SETTINGS.far * float(outline.deviation[outline.touched].max())
+    width = float(np.ptp(contacts.points, axis=0).max())
+    sure = width - _SETTINGS.far * float(contacts.deviation.max())
     return width if sure > given.size[1] else 0.0
 
 
-def _beyond_sketch(touched: Array, given: Sketch) -> float:
-    """Return the largest distance of touched points from the sketch [m], if it is implausible; else 0."""
-    if not len(touched):
+def _beyond_sketch(contacts: Contacts, given: Sketch) -> float:
+    """Return the largest distance of a contact from the sketch [m] that is implausible; else 0."""
+    if not len(contacts.points):
         return 0.0
-    farthest = float(np.abs(given.shape.signed_distance(touched)).max())
-    return farthest if farthest > _SETTINGS.far * given.sigma else 0.0
+    distance = np.abs(given.shape.signed_distance(contacts.points))
+    allowed = _SETTINGS.far * np.hypot(given.sigma, contacts.deviation)
+    return float(np.max(np.where(distance > allowed, distance, 0.0)))

@@ -1,4 +1,4 @@
-"""What is known of pose and outline after a frame."""
+"""Pose and outline after a frame, with the evidence for the status."""
 
 import math
 from dataclasses import dataclass

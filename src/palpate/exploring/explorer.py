@@ -14,7 +14,7 @@ from palpate.arrays import Array
 from palpate.config import TrackerSettings
 from palpate.errors import SettingError
 from palpate.exploring.curve import outline_radii
-from palpate.exploring.evidence import form_evidence, pose_evidence
+from palpate.exploring.evidence import Contacts, form_evidence, pose_evidence
 from palpate.exploring.explored import Explored
 from palpate.exploring.observing import observe
 from palpate.exploring.pushing import Push, begin_contact, carry, move
@@ -101,7 +101,8 @@ class Explorer:
         self._touched = np.zeros(_SETTINGS.points, np.bool_)
         self._has_directions = False
         self._contact: _Contact | None = None
-        self._outline = self._outline_of_rows()
+        self._contacts = Contacts(np.empty((0, 2)), np.empty(0))
+        self._see_outline()
 
     def end_contact(self, moved: float = 0.0) -> None:
         """Take the object as released; something else may have moved it meanwhile by this much [m]."""
@@ -119,9 +120,7 @@ class Explorer:
         pose, covariance = self._rows.pose()
         calibration = np.square(self._settings.noise.sensor_pose.calibration)
         covariance = covariance + np.diag(calibration)
-        length, _ = self._settings.tolerance
-        form = form_evidence(self._outline, self._given, length, self._has_directions)
-        evidence = pose_evidence(covariance, bool(frame.contact), self._settings.tolerance, form)
+        evidence = pose_evidence(covariance, bool(frame.contact), self._settings.tolerance, self._form)
         return Explored(pose, covariance, self._outline, evidence, point, normal, self._friction())
 
     def _touch(self, frame: Frame, directions: Sequence[ContactDirection]) -> tuple[Array, Array]:
@@ -150,7 +149,7 @@ class Explorer:
                 self._mark_touched(center + self._reach * normal)
             contact.observed_at = frame.time
             contact.way = 0.0
-            self._outline = self._outline_of_rows()
+            self._see_outline()
         return _vector(point), -_vector(normal)
 
     def _pushed(self, last: _Contact, frame: Frame, angle: float | None) -> _Contact:
@@ -178,11 +177,20 @@ class Explorer:
 
     def _mark_touched(self, point: complex) -> None:
         """Mark the points of the outline about a contact point in the world as touched."""
-        pose, _ = self._rows.pose()
+        pose, covariance = self._rows.pose()
         in_object = (point - complex(pose[0], pose[1])) * np.exp(-1j * pose[2])
         wide = np.arctan2(_SETTINGS.patch, abs(in_object))
         apart = np.angle(np.exp(1j * (self._angles - np.angle(in_object))))
         self._touched |= np.abs(apart) <= max(wide, np.pi / _SETTINGS.points)
+        variance = covariance[0, 0] + covariance[1, 1] + covariance[2, 2] * abs(in_object) ** 2
+        points = np.vstack((self._contacts.points, _vector(in_object)))
+        self._contacts = Contacts(points, np.append(self._contacts.deviation, math.sqrt(variance)))
+
+    def _see_outline(self) -> None:
+        """Take outline and evidence from the rows as they are now."""
+        length, _ = self._settings.tolerance
+        self._outline = self._outline_of_rows()
+        self._form = form_evidence(self._outline, self._contacts, self._given, length, self._has_directions)
 
     def _outline_of_rows(self) -> Outline:
         """Return the outline of the best rows together."""

@@ -1,4 +1,4 @@
-"""What a contact tells of the curve of tip centres: that it passes through the tip's centre, along the contact."""
+"""Observation of a contact: the curve passes through the tip's centre, along the direction of touch."""
 
 from dataclasses import dataclass
 
