@@ -432,6 +432,7 @@ TABLES: dict[str, Table] = {
             "steps linearised, one hypothesis": "{linearised[one]:.2f}",
             "several": "{linearised[several]:.2f}",
             "BigPertubations": "{inside[BigPertubations]:.0f} %",
+            "nudged, eight runs": "{nudged}",
             "DoublesBigPerturbations": "{inside[DoublesBigPerturbations]:.0f} %",
         },
         of_json(
