@@ -9,6 +9,7 @@ Each row is a number of the committed build, that of the checkout, and their rat
 - start: processor time from the start of a process to that estimate [s], with compiled code at hand.
 - first-ever-start: the same where nothing is compiled yet.
 - two-threads: speed of two trackers in two threads over that of one, by the wall clock: only of use on an idle machine.
+- two-processes: the same of two trackers in two processes.
 """
 
 import json
@@ -66,6 +67,17 @@ class Build:
         with self._begin() as process:
             return self._ask(process, case)
 
+    def speed_of_two_processes(self) -> float:
+        """Return the speed of two trackers in two processes over that of one."""
+        with self._begin() as first, self._begin() as second:
+            self._ask(first, "run")
+            self._ask(second, "run")
+            alone = self._ask(first, "run")["s"]
+            for process in (first, second):
+                self._send(process, "run")
+            together = max(self._answer(process)["s"] for process in (first, second))
+        return 2.0 * alone / together
+
     def close(self) -> None:
         """End the process that stays."""
         if self._process is not None:
@@ -79,10 +91,16 @@ class Build:
         return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, text=True, env=environment)
 
     def _ask(self, process: subprocess.Popen[str], case: str) -> Any:
+        self._send(process, case)
+        return self._answer(process)
+
+    def _send(self, process: subprocess.Popen[str], case: str) -> None:
         assert process.stdin is not None
-        assert process.stdout is not None
         process.stdin.write(f"{case}\n")
         process.stdin.flush()
+
+    def _answer(self, process: subprocess.Popen[str]) -> Any:
+        assert process.stdout is not None
         return json.loads(process.stdout.readline())
 
 
@@ -179,6 +197,7 @@ def compared(commit: str, rounds: int, contact: Contact) -> list[Row]:
             numbers.update(more)
         for numbers, build in zip(found, pair, strict=True):
             numbers["two-threads"] = build.measure("threads")["speed"]
+            numbers["two-processes"] = build.speed_of_two_processes()
     old, new = found
     return [
         {"name": name, "old": round(old[name], 3), "new": round(new[name], 3), "ratio": round(new[name] / old[name], 3)}

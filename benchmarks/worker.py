@@ -5,6 +5,7 @@ Reads the name of a case a line and writes its result as JSON a line. Only what 
 - one, eight, jpeg, graph: processor time [ms] of each `Tracker.update`, with contact and the number of answers.
 - start: processor time [s] from the start of this process to its first estimate, and its memory then [MB].
 - threads: frames a second of two trackers in two threads over those of one.
+- run: wall time of one tracker over as many frames [s]; the first in a process warms up.
 """
 
 import json
@@ -107,6 +108,16 @@ def threads(folder: Path) -> dict[str, float]:
     return {"speed": 2.0 * took[0] / took[1]}
 
 
+def run(folder: Path) -> dict[str, float]:
+    """Return the wall time of a tracker over the frames of a thread [s]."""
+    one = tracker(folder)
+    given = [make() for make in frames(folder, count=FRAMES_OF_THREADS)]
+    begin = time.perf_counter()
+    for frame in given:
+        one.update(frame)
+    return {"s": time.perf_counter() - begin}
+
+
 def main() -> None:
     """Answer the cases on standard input."""
     folder = Path(sys.argv[1])
@@ -117,6 +128,7 @@ def main() -> None:
         "graph": lambda: graph(folder / "graph"),
         "start": lambda: start(folder / "one"),
         "threads": lambda: threads(folder / "one"),
+        "run": lambda: run(folder / "one"),
     }
     for line in sys.stdin:
         print(json.dumps(cases[line.strip()]()), flush=True)

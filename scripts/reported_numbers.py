@@ -439,6 +439,21 @@ TABLES: dict[str, Table] = {
             "runs",
         ),
     ),
+    "recent_limits": Table(
+        {
+            "all are linearised again from": "{name}",
+            "steps linearised, one hypothesis": "{linearised[one]:.2f}",
+            "several": "{linearised[several]:.2f}",
+            "BigPertubations": "{inside[BigPertubations]:.0f} %",
+            "nudged, eight runs": "{nudged}",
+            "DoublesBigPerturbations": "{inside[DoublesBigPerturbations]:.0f} %",
+        },
+        of_json(
+            "docs/study/recent_steps.json",
+            {"0": "any change, as now", "2e-4": "0.2 mm or mrad", "5e-4": "0.5 mm or mrad", "2e-3": "2 mm or mrad"},
+            "limits",
+        ),
+    ),
     "rim": Table(
         {
             "contact": "{name}",
