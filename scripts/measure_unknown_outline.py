@@ -5,8 +5,8 @@
 - Five simulated outlines in turn, COUNT recordings (60 by default) of 40 s of contacts from several sides.
 - MIT's and CMU's real motion, where ../shared/data is there: all pushes of MIT, each other one of CMU.
 
-Touch gives the true contact direction with the errors of an image, drawn. First poses are true. A sketch is the true
-outline, bent by 5 mm in harmonics. One core.
+Touch gives the true contact direction with the errors of an image, drawn; the two tips of CMU's hand tell contact
+alone. First poses are true. A sketch is the true outline, bent by 5 mm in harmonics. One core.
 """
 
 import sys
@@ -123,10 +123,11 @@ def estimated(recording: palpate.Recording, shape: Any, number: int) -> list[pal
     settings = palpate.TrackerSettings("none")
     first = recording.truth[np.isfinite(recording.truth).all(axis=1)][0]
     tracker = palpate.Tracker(shape, recording.sensor, first, settings, first_pose_sigma=FIRST_SIGMA)
+    is_one_tip = len(recording.sensor.tips) == 1
     estimates = []
     for frame, truth in zip(recording, recording.truth, strict=True):
         measured = []
-        if frame.contact and np.isfinite(truth).all():
+        if frame.contact and is_one_tip and np.isfinite(truth).all():
             error = LASTING * error + np.sqrt(1.0 - LASTING**2) * 0.7 * SIGMA * rng.normal()
             measured = [ContactDirection(true_direction(recording, frame, truth) + bias + error, SIGMA**2)]
         else:

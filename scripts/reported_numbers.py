@@ -582,6 +582,27 @@ TABLES: dict[str, Table] = {
             "batch",
         ),
     ),
+    "outline-tuning": Table(
+        {
+            "rows": "{name}",
+            "explorations": "{explorations}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "in 95 %": "{in_95:.0%}",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "redrawn": "drawn anew by their weights",
+                "kept": "not drawn anew",
+                "none_straight": "not drawn anew, none expects straight sides",
+                "all_straight": "all expect them",
+                "half_straight": "half expect them",
+                "three": "the same, three observations count as one",
+                "six": "six observations count as one",
+            },
+            "third",
+        ),
+    ),
     "outline-study": Table(
         OUTLINE_POSES,
         of_json(

@@ -33,7 +33,7 @@ class _Settings:
 
     temper: float = 6.0
     """Number of observations that count as one in the weights of rows: their errors last, and a form is never quite one
-    of the prior's. With 1 the regions of 30 tuning explorations hold 75 % of the truth, with 6 94 %."""
+    of the prior's. With 1 regions of tuning explorations hold too little (docs/unknown_outline.md)."""
 
 
 _SETTINGS = _Settings()
