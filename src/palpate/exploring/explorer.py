@@ -99,7 +99,7 @@ class Explorer:
         """Begin with rows that have not been touched."""
         self._rows = rows
         self._touched = np.zeros(_SETTINGS.points, np.bool_)
-        self._has_directions = False
+        self._has_directions = len(self._sensor.tips) > 1  # two that touch at once show one
         self._contact: _Contact | None = None
         self._contacts = Contacts(np.empty((0, 2)), np.empty(0))
         self._see_outline()
