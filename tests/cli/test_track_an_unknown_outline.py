@@ -84,7 +84,9 @@ def test_a_learnt_outline_is_a_drawing_for_next_time(json_of, succeeds):
         placed = points - palpate.Polygon(points).centroid + moved
         assert np.abs(shape.signed_distance(placed)).max() < 2e-4
         assert about["sigma_mm"] == pytest.approx(1e3 * np.sqrt(np.mean(np.square(run_data()["deviation"]))))
-        again = json_of("track", "push.mcap", "--shape", name, "--outline-sigma", "5mm", *ORACLE, "--force")
+        again = json_of(
+            "track", "push.mcap", "--shape", name, "--outline-sigma", "5mm", *ORACLE, "--out", f"again-{name}"
+        )
         assert again["outline_all_rms_mm"] > 0.0
 
 
