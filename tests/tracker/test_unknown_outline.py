@@ -119,6 +119,38 @@ def test_an_object_larger_than_stated_and_a_sketch_that_does_not_fit_are_straine
     assert other.status == "strained" and "sketch" in other.reason
 
 
+def carried_around(sides: int) -> list[Frame]:
+    """Frames of a tip that pushes a disc through its middle from one side after the other, 4 in a second."""
+    seen: list[Frame] = []
+    middle = np.zeros(2)
+    for side in range(sides):
+        outward = np.array((np.cos(2.4 * side), np.sin(2.4 * side)))
+        for _ in range(6):
+            middle = middle - 5e-3 * outward
+            pose = np.array((*(middle + (RADIUS - 3e-4) * outward), 2.4 * side + np.pi))
+            seen.append(Frame(0.25 * len(seen), pose, contact=True, measurements=(ContactDirection(0.0, 0.05**2),)))
+        away = np.array((*(middle + (RADIUS + 0.03) * outward), 2.4 * side + np.pi))
+        seen.append(Frame(0.25 * len(seen), away, contact=False))
+    return seen
+
+
+def test_covariances_stay_symmetric_and_positive_for_minutes():
+    """Rounding that grows with each observation made estimates infinite after three minutes."""
+    for estimate in tracked(Unknown((0.08, 0.2)), carried_around(sides=40), np.zeros(3)):
+        assert np.allclose(estimate.covariance, estimate.covariance.T, rtol=0.0, atol=1e-15)
+        assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+        assert np.isfinite(estimate.pose).all() and np.isfinite(outline_of(estimate).points).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_tip_at_the_middle_of_a_sketch_contradicts_it_and_estimates_stay_finite():
+    pose = np.array((DIGIT.radius, 0.0, 0.0))  # the centre of the tip is at the origin
+    contact = Frame(0.0, pose, contact=True, measurements=(ContactDirection(0.0, 0.02**2),))
+    (estimate,) = tracked(Sketch(Disc(RADIUS), 0.005), [contact], np.zeros(3))
+    assert np.isfinite(estimate.pose).all() and np.linalg.eigvalsh(estimate.covariance).min() > 0.0
+    assert estimate.status == "strained" and np.isfinite(outline_of(estimate).points).all()
+
+
 def test_a_flat_pad_is_refused():
     with pytest.raises(palpate.SettingError, match="flat pad"):
         Tracker(Unknown(), "gelsight-mini", FIRST)

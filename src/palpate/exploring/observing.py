@@ -17,6 +17,8 @@ class _Settings:
     """Deviation of a tip's centre from the curve [m]: indentation, and forms that harmonics cannot draw."""
     farthest: float = 4.0
     """Square of the standardised innovation from which an observation counts less, as it does at inner corners."""
+    nearest: float = 1e-3
+    """Least distance of a tip's centre from the pole [m]: at the pole itself, inside of the object, it has no angle."""
     straight: float = 0.3
     """Deviation of the bend of a side that is expected to be straight; that of a circle is 1."""
     bent: float = 1.0
@@ -98,7 +100,7 @@ def _seen(rows: Rows, tip: complex) -> _Seen:
         (CENTER_IN_OBJECT.start, np.ones_like(back)),
         (CENTER_IN_OBJECT.start + 1, np.full_like(back, 1j)),
     )
-    return _Seen(np.abs(place), angle, waves(angle), changes)
+    return _Seen(np.maximum(np.abs(place), _SETTINGS.nearest), angle, waves(angle), changes)
 
 
 def _along(rows: Array, coefficients: Array) -> Array:
@@ -122,6 +124,8 @@ def _correct(rows: Rows, chosen: Integers, innovation: Array, by: Array, noise: 
     inverse = np.linalg.inv(predicted)
     gain = gained @ inverse
     rows.mean[chosen] -= (gain @ innovation[:, :, None])[:, :, 0]
-    rows.covariance[chosen] = covariance - gain @ gained.transpose(0, 2, 1)
+    corrected = covariance - gain @ gained.transpose(0, 2, 1)
+    # What rounding leaves of asymmetry would grow with every observation, and undo the covariance within minutes.
+    rows.covariance[chosen] = 0.5 * (corrected + corrected.transpose(0, 2, 1))
     distance = (innovation[:, None, :] @ inverse @ innovation[:, :, None])[:, 0, 0]
     return -0.5 * (distance + np.log(np.linalg.det(predicted)))
