@@ -63,6 +63,12 @@ def test_without_truth_nothing_is_scored(json_of):
     assert found["final_status"] == "uncertain" and "contact directions" in found["final_reason"]
 
 
+def test_an_oracle_of_turns_tells_no_form_and_is_warned_of(json_of):
+    found = json_of("track", "push.mcap", "--shape", "unknown", *ORACLE)
+    (warning,) = found["warnings"]
+    assert "push.mcap" in warning and "contact directions" in warning and "contact directions" in found["final_reason"]
+
+
 def test_a_bag_has_no_true_outline(json_of):
     poses = [pose_message(stamp, np.array((0.4, 0.0, 0.0)), "/object") for stamp in pose_times()]
     both = sorted([*push_messages(), *poses], key=lambda message: message.log_time)

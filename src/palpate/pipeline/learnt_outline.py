@@ -37,8 +37,8 @@ def largest_shape(outline: Unknown | Sketch | None) -> Shape | None:
 
 def warn_of_flags_alone(recording: Recording, tactile: TactileChoice, outline: Unknown | Sketch | None) -> None:
     """Warn if a recording has nothing but contact flags to tell of an unknown outline."""
-    has_images = recording.image is not None and tactile != "none"
-    tells_direction = has_images or tactile == "oracle" or len(recording.sensor.tips) > 1
+    reads_images = recording.image is not None and tactile in ("auto", "learnt")  # an oracle tells turns alone
+    tells_direction = reads_images or len(recording.sensor.tips) > 1
     if isinstance(outline, Unknown) and not tells_direction:
         logger.warning("%s: %s", recording.file or "the recording", LACKS_DIRECTIONS)
 
