@@ -27,7 +27,7 @@ from palpate_lab.parallel import quiet
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.recordings import Simulation
 
-SEED = 20261531
+SEED = 20261532
 OBJECTS = ("triangle", "t", "butterfly", "hexagon", "rounded-square")
 SHARED = Path(__file__).resolve().parents[2] / "shared/data"
 SIGMA = 0.035  # [rad] of a direction

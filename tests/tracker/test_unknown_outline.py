@@ -104,6 +104,18 @@ def test_a_push_beside_the_middle_turns_the_object_away_and_is_less_sure_of_its_
     assert left.covariance[2, 2] > middle.covariance[2, 2]
 
 
+def test_noise_of_a_sensor_that_rests_in_contact_does_not_push_the_object():
+    rng = np.random.default_rng(3)
+    still = np.array((DIGIT.radius - np.hypot(RADIUS + DIGIT.radius - 3e-4, 0.0), 0.0, 0.0))
+    measured = (ContactDirection(0.0, 0.02**2),)
+    seen = [
+        Frame(k / 30.0, still + rng.normal(0.0, (1e-4, 1e-4, 1e-3)), contact=True, measurements=measured)
+        for k in range(300)
+    ]
+    estimate = tracked(Unknown((0.1, 0.14)), seen, np.zeros(3))[-1]
+    assert np.hypot(*estimate.pose[:2]) < 1.5e-3
+
+
 def test_a_disc_that_rests_is_learnt_all_around():
     outline = outline_of(tracked(Unknown((0.08, 0.2)), touches(sides=24), np.zeros(3))[-1])
     radius = np.hypot(*outline.points.T)

@@ -63,6 +63,8 @@ class _Contact:
     """Time of the last observation of the curve [s]."""
     way: float = math.inf
     """Motion of the sensor's surface since then [m]."""
+    behind: float = 0.0
+    """Distance that the tip went back along the normal and has not made up for [m]."""
 
 
 class Explorer:
@@ -161,14 +163,16 @@ class Explorer:
         before = self._middle(last.sensor_pose)
         now = self._middle(frame.sensor_pose)
         turn = math.remainder(frame.sensor_pose[2] - last.sensor_pose[2], 2.0 * math.pi)
-        normal = np.exp(1j * (frame.sensor_pose[2] + direction))
+        normal = complex(np.exp(1j * (frame.sensor_pose[2] + direction)))
         motion = now - before + 1j * turn * self._reach * normal
-        push = Push(before + self._reach * normal, normal, motion)
+        point = before + self._reach * normal
         if len(self._sensor.tips) > 1:
-            carry(self._rows, push, turn)
+            carry(self._rows, Push(point, normal, motion), turn)
+            behind = 0.0
         else:
-            move(self._rows, push)
-        return _Contact(frame.sensor_pose, frame.time, direction, last.observed_at, last.way + abs(motion))
+            pushing, behind = _pushing_part(motion, normal, last.behind)
+            move(self._rows, Push(point, normal, pushing))
+        return _Contact(frame.sensor_pose, frame.time, direction, last.observed_at, last.way + abs(motion), behind)
 
     def _middle(self, sensor_pose: Array) -> complex:
         """Return the middle of all tips' centres in the world [m], with a sensor pose (3,)."""
@@ -214,6 +218,19 @@ class Explorer:
         mean = float(weight @ grips)
         variance = float(weight @ (np.square(grips - mean) + self._rows.covariance[:, Place.GRIP, Place.GRIP]))
         return math.exp(mean), math.exp(mean) * math.sqrt(variance)
+
+
+def _pushing_part(motion: complex, normal: complex, behind: float) -> tuple[complex, float]:
+    """Return the part of a tip's motion that pushes, and how far the tip is behind the object then [m].
+
+    A tip that was behind makes up for that first. Else the noise of a sensor that rests would push the object, as a
+    step ahead moves it and a step back does not.
+    """
+    forward = (motion * normal.conjugate()).real
+    ahead = forward - behind
+    if ahead <= 0.0:
+        return 0j, -ahead
+    return motion * (ahead / forward), 0.0
 
 
 def _vector(value: complex) -> Array:
