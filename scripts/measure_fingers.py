@@ -1,9 +1,9 @@
 """Measure pushes by a hand of two fingers with images: docs/study/fingers.json.
 
-    palpate simulate SET_UP --fingers 2 --count 20 --seed 20261522
-    palpate simulate PINCH --fingers 2 --pinch --count 4 --seed 20261524
-    palpate simulate IDEAL --fingers 2 --count 20 --ideal --seed 20261521
-    palpate simulate UNKNOWN --fingers 2 --shape rectangle --shape ellipse --count 10 --seed 20261523
+    palpate simulate SET_UP --fingers 2 --count 10 --seed 20261802
+    palpate simulate PINCH --fingers 2 --pinch --count 4 --seed 20261804
+    palpate simulate IDEAL --fingers 2 --count 10 --ideal --seed 20261801
+    palpate simulate UNKNOWN --fingers 2 --shape rectangle --shape ellipse --count 12 --seed 20261803
     python scripts/measure_fingers.py SET_UP PINCH IDEAL UNKNOWN [COUNT]
 
 COUNT recordings of each folder are tracked, 60 by default, a like number of each object. An object is lost if it is

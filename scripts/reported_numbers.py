@@ -158,6 +158,20 @@ def real_motion() -> Iterator[Row]:
     for touch, rows in (("rendered touch", sequences("rendered")), ("true relative yaw", oracle_runs())):
         for source, runs in by_source(rows).items():
             yield scored(f"{source}; {touch}", runs)
+    ways = {"learnt": "rendered touch of both fingers", "none": "the same fingers without images"}
+    for way, name in ways.items():
+        row = loaded("docs/study/hand_replays.json")[way]
+        yield {
+            "name": f"CMU; {name}",
+            "count": row["recordings"],
+            "mm": row["final_mm_median"],
+            "deg": row["final_deg_median"],
+            "worst_mm": row["final_mm_worst"],
+            "worst_deg": row["final_deg_worst"],
+            "contact": row["inside_contact_mean"],
+            "end": row["inside_final_mean"],
+            "silent": row["silent_mean"],
+        }
 
 
 def real_runs() -> Iterator[Row]:
@@ -635,6 +649,22 @@ TABLES: dict[str, Table] = {
         of_json(
             "docs/study/fingers.json",
             {"ideal": "ideal", "set_up": "with errors of a set-up", "pinch": "pinches, with errors of a set-up"},
+        ),
+    ),
+    "finger-mounts": Table(
+        {
+            "recordings": "{name}",
+            "number": "{recordings}",
+            "final error": "{before[final_mm_median]:.1f}, {now[final_mm_median]:.1f} mm",
+            "of yaw": "{before[final_deg_median]:.1f}, {now[final_deg_median]:.1f}°",
+            "in 95 %, in contact": "{before[inside_contact_mean]:.1%}, {now[inside_contact_mean]:.1%}",
+            "at the end": "{before[inside_final_mean]:.0%}, {now[inside_final_mean]:.0%}",
+            "`ambiguous`": "{before[ambiguous_mean]:.0%}, {now[ambiguous_mean]:.0%}",
+            "lost": "{before[lost]}, {now[lost]}",
+        },
+        of_json(
+            "docs/study/finger_mounts.json",
+            {"set_up": "pushes with errors of a set-up", "pinch": "pinches with errors of a set-up"},
         ),
     ),
     "fingers-unknown": Table(
