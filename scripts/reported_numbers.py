@@ -695,17 +695,6 @@ TABLES: dict[str, Table] = {
             {"set_up": "pushes with errors of a set-up", "pinch": "pinches with errors of a set-up"},
         ),
     ),
-    "hand-times": Table(
-        {
-            "recordings": "{recordings}",
-            "frames": "{frames}",
-            "median": "{processor_ms[p50]:.1f} ms",
-            "90 %": "{processor_ms[p90]:.1f} ms",
-            "99 %": "{processor_ms[p99]:.1f} ms",
-            "median with one hypothesis": "{processor_ms_one_hypothesis[p50]:.1f} ms",
-        },
-        of_json("docs/study/hand_times.json", {"all": ""}),
-    ),
     "fingers-unknown": Table(
         {"recordings": "{recordings}", "found": "{found_share:.0%}", "honest": "{honest_share:.0%}"},
         of_json("docs/study/fingers.json", {"unknown_start": ""}),
