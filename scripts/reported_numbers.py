@@ -285,6 +285,7 @@ def speed() -> Iterator[Row]:
         "start_s": "start to the first estimate [s]",
         "first-ever-start_s": "the same, before anything is compiled [s]",
         "two-threads": "speed of two trackers in two threads [of one]",
+        "two-processes": "the same in two processes",
     }
     content = loaded("docs/study/speed.json")
     found = {row["name"]: row for row in (*content["cases"], *content["more_rounds"])}
