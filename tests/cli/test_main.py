@@ -1,6 +1,7 @@
 """The command line as a whole: exit codes, help, printing, and `palpate demo`."""
 
 import json
+import os
 import subprocess
 import sys
 from itertools import count, pairwise
@@ -123,9 +124,13 @@ def test_a_folder_that_was_removed_is_named(fails, monkeypatch):
     assert "current folder" in fails("track", file)
 
 
-def test_a_disk_that_is_full_is_named_by_the_version_too():
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_disk_that_is_full_is_named_by_the_version_too(unbuffered):
+    """Python flushes a buffered output once more at the end, and would exit with 120."""
+    words = [sys.executable, "-m", "palpate", "--version"]
+    surroundings = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run([sys.executable, "-m", "palpate", "--version"], stdout=full, stderr=subprocess.PIPE)
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, env=surroundings)
     assert done.returncode == 2 and done.stderr.count(b"\n") == 1
 
 

@@ -59,13 +59,22 @@ def main(args: Sequence[str] | None = None) -> int:
         complain(f"stopped; {hint}" if hint else "stopped")
         return 130
     except BrokenPipeError:  # the reader, such as `head`, has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 1
     except (PalpateError, OSError) as error:  # bad input; a disk that is full or a folder that may not be written to
         if "--debug" in flags:
             raise
         complain("the current folder does not exist any more" if _is_folder_gone() else error)
+        try:
+            sys.stdout.flush()
+        except OSError:  # what is buffered would fail once more at the end, with another exit code
+            _drop_output()
         return 2
+
+
+def _drop_output() -> None:
+    """Send what standard output still holds nowhere, as where it goes takes no more."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _is_folder_gone() -> bool:
