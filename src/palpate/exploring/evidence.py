@@ -1,4 +1,4 @@
-"""Evidence for the status: how well pose and outline are known, and what contradicts what was given of the outline."""
+"""Evidence for the status: how well pose and outline are known, and what contradicts the stated sizes or the sketch."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class _Settings:
     """Settings of the evidence on an outline."""
 
     far: float = 4.0
-    """Standard deviations from which what was touched contradicts what was given of the outline."""
+    """Standard deviations from which a contact contradicts the stated sizes or the sketch."""
     widest_gap: float = 0.3
     """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
 
@@ -51,7 +51,7 @@ class Contacts:
 def form_evidence(
     outline: Outline, contacts: Contacts, given: Unknown | Sketch, tolerance: float, has_directions: bool
 ) -> FormEvidence:
-    """Return the evidence on an outline, by where it was touched, what was given of it and a tolerance [m].
+    """Return the evidence on an outline, by its contacts, the stated sizes or the sketch, and a tolerance [m].
 
     `has_directions` says that touch measured directions or turns so far.
     """

@@ -25,13 +25,13 @@ logger = logging.getLogger(__name__)
 
 
 class Exploration:
-    """Explores one object: `step` takes a frame and returns what is known of pose and outline."""
+    """Explores one object: `step` takes a frame and returns pose and outline after it."""
 
     is_mirrored = False
     """False, as images are taken as they lie."""
 
     def __init__(self, outline: Unknown | Sketch, sensor: SensorProfile, settings: TrackerSettings) -> None:
-        """Take what is known of the outline; the sensor; and the settings, with the noise of this sensor unit."""
+        """Take the stated sizes or the sketch, the sensor, and settings with the noise of this sensor unit."""
         self._given = outline
         self._sensor = sensor
         self._explorer = Explorer(outline, sensor, settings)

@@ -68,14 +68,14 @@ class _Contact:
 
 
 class Explorer:
-    """Estimates pose and outline of one object: `step` takes a frame and returns what is known after it."""
+    """Estimates pose and outline of one object: `step` takes a frame and returns both after it."""
 
     takes: tuple[type[Measurement], ...] = (TouchMeasurement,)
     """Kinds of measurements that it takes, of which directions tell of the outline; others are left out with a warning
     before they come to it."""
 
     def __init__(self, outline: Unknown | Sketch, sensor: SensorProfile, settings: TrackerSettings) -> None:
-        """Take what is known of the outline; the sensor; and the settings, with the noise of this sensor unit.
+        """Take the stated sizes or the sketch, the sensor, and settings with the noise of this sensor unit.
 
         Several tips are taken to touch together. Raises SettingError on a sensor with a flat pad.
         """
@@ -85,11 +85,12 @@ class Explorer:
         self._given = outline
         self._sensor = sensor
         self._settings = settings
+        self._set_up_covariance = np.diag(np.square(settings.noise.sensor_pose.calibration))
         self._reach = sensor.radius - settings.noise.priors.depth[0]
         self._angles: Array = np.arange(_SETTINGS.points) * np.float64(2.0 * np.pi / _SETTINGS.points)
 
     def begin(self, pose: Array, covariance: Array) -> None:
-        """Begin with the object's pose (3,) and its covariance (3, 3), and what was given of the outline."""
+        """Begin with the object's pose (3,) and its covariance (3, 3), and the stated sizes or the sketch."""
         self._begin(rows_about_origin(self._given, pose, covariance, self._settings.noise.priors, self._reach))
 
     def begin_behind_contact(self, pose: Array, covariance: Array) -> None:
@@ -120,8 +121,7 @@ class Explorer:
         if frame.contact:
             point, normal = self._touch(frame, [one for one in measurements if isinstance(one, ContactDirection)])
         pose, covariance = self._rows.pose()
-        calibration = np.square(self._settings.noise.sensor_pose.calibration)
-        covariance = covariance + np.diag(calibration)
+        covariance = covariance + self._set_up_covariance
         evidence = pose_evidence(covariance, bool(frame.contact), self._settings.tolerance, self._form)
         return Explored(pose, covariance, self._outline, evidence, point, normal, self._friction())
 

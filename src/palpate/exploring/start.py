@@ -1,4 +1,4 @@
-"""Rows before the first contact: what was given of the outline and the first pose."""
+"""Rows before the first contact, by the stated sizes or the sketch and by the first pose."""
 
 import math
 from dataclasses import dataclass
