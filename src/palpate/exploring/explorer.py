@@ -85,7 +85,10 @@ class Explorer:
         self._given = outline
         self._sensor = sensor
         self._settings = settings
-        self._set_up_covariance = np.diag(np.square(settings.noise.sensor_pose.calibration))
+        calibration = settings.noise.sensor_pose.calibration
+        self._set_up_covariance = np.diag(np.square(calibration))
+        # That the curve is a sensor's radius from the outline is as wrong for all its points.
+        self._reach_variance = max(calibration[:2]) ** 2 + settings.noise.priors.depth[1] ** 2
         self._reach = sensor.radius - settings.noise.priors.depth[0]
         self._angles: Array = np.arange(_SETTINGS.points) * np.float64(2.0 * np.pi / _SETTINGS.points)
 
@@ -204,10 +207,10 @@ class Explorer:
         rows = self._rows
         curve = rows.mean[best][:, CURVE]
         radii, deviations = outline_radii(
-            curve, rows.covariance[best][:, CURVE, CURVE], rows.pole[best], self._reach, self._angles
+            rows.base, curve, rows.covariance[best][:, CURVE, CURVE], rows.pole[best], self._reach, self._angles
         )
         radius = share @ radii
-        variance = share @ (np.square(radii - radius) + np.square(deviations))
+        variance = share @ (np.square(radii - radius) + np.square(deviations)) + self._reach_variance
         points = radius[:, None] * np.column_stack((np.cos(self._angles), np.sin(self._angles)))
         return Outline(points, np.sqrt(variance), self._touched.copy())
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import Array, Complex, Integers
-from palpate.exploring.curve import Waves, waves
+from palpate.exploring.curve import Course, Waves, waves
 from palpate.exploring.rows import CENTER, CENTER_IN_OBJECT, CURVE, Place, Rows
 
 
@@ -31,12 +31,10 @@ _SETTINGS = _Settings()
 def observe(rows: Rows, tip: complex, direction: float, deviation: float) -> None:
     """Take a contact: centre of the tip in the world [m], inward normal's angle there [rad] and its deviation."""
     seen = _seen(rows, tip)
-    coefficients = rows.mean[:, CURVE]
-    slope = _along(seen.rows.slope, coefficients)
-    bend = _along(seen.rows.bend, coefficients)
+    logarithm, slope, bend = seen.course
     steepness = 1.0 / (1.0 + slope**2)
     outward = direction + np.pi - rows.mean[:, Place.YAW]  # angle of the outward normal in the object frame
-    off = np.log(seen.radius) - _along(seen.rows.value, coefficients)
+    off = np.log(seen.radius) - logarithm
     off_angle = np.angle(np.exp(1j * (seen.angle - outward - np.arctan(slope))))
     innovation = np.column_stack((off, off_angle))
     by = np.zeros((len(off), 2, CURVE.stop))
@@ -47,23 +45,22 @@ def observe(rows: Rows, tip: complex, direction: float, deviation: float) -> Non
     by[:, 1, Place.YAW] += 1.0
     by[:, 0, CURVE] = -seen.rows.value
     by[:, 1, CURVE] = -steepness[:, None] * seen.rows.slope
-    noise = np.column_stack((np.square(_SETTINGS.distance / seen.radius), np.full(len(off), deviation**2)))
+    of_radius = np.square(_SETTINGS.distance / seen.radius) / steepness  # the distance is across the curve
+    noise = np.column_stack((of_radius, np.full(len(off), deviation**2)))
     every = np.arange(len(off))
     rows.log_likelihood += _correct(rows, every, innovation, by, noise)
     straight = np.flatnonzero(rows.is_straight)
-    _straighten(rows, straight, tip)
+    if len(straight):
+        _straighten(rows, straight, tip)
 
 
 def _straighten(rows: Rows, straight: Integers, tip: complex) -> None:
     """Expect no bend at the place of a contact in the rows that say so, unless it is clearly bent or known already."""
     seen = _seen(rows, tip)
     bend_by = np.zeros((len(straight), 1, CURVE.stop))
-    coefficients = rows.mean[straight][:, CURVE]
-    slopes = seen.rows.slope[straight]
-    bends = seen.rows.bend[straight]
-    slope = _along(slopes, coefficients)
-    bend = 1.0 + slope**2 - _along(bends, coefficients)  # 0 for a straight line, 1 for a circle about the pole
-    bend_by[:, 0, CURVE] = 2.0 * slope[:, None] * slopes - bends
+    slope = seen.course.slope[straight]
+    bend = 1.0 + slope**2 - seen.course.bend[straight]  # 0 for a straight line, 1 for a circle about the pole
+    bend_by[:, 0, CURVE] = 2.0 * slope[:, None] * seen.rows.slope[straight] - seen.rows.bend[straight]
     covariance = rows.covariance[straight]
     known = (bend_by @ covariance @ bend_by.transpose(0, 2, 1))[:, 0, 0]
     noise = _SETTINGS.straight**2
@@ -83,6 +80,8 @@ class _Seen:
     """Angle in the object frame (B,) [rad]."""
     rows: Waves
     """Rows of the curve at these angles."""
+    course: Course
+    """Course of the curve there, (B,) each."""
     changes: tuple[tuple[int, Complex], ...]
     """Change of the centre in the object frame with each variable of the pose: its place in a row and (B,), complex."""
 
@@ -93,6 +92,10 @@ def _seen(rows: Rows, tip: complex) -> _Seen:
     from_center = back * (tip - rows.center)
     place = from_center + rows.center_in_object - rows.pole
     angle = np.angle(place)
+    waves_there = waves(angle)
+    coefficients = rows.mean[:, CURVE]
+    drawn = rows.base.at(angle)
+    course = Course(*(base + _along(each, coefficients) for base, each in zip(drawn, waves_there, strict=True)))
     changes = (
         (CENTER.start, -back),
         (CENTER.start + 1, -1j * back),
@@ -100,7 +103,8 @@ def _seen(rows: Rows, tip: complex) -> _Seen:
         (CENTER_IN_OBJECT.start, np.ones_like(back)),
         (CENTER_IN_OBJECT.start + 1, np.full_like(back, 1j)),
     )
-    return _Seen(np.maximum(np.abs(place), _SETTINGS.nearest), angle, waves(angle), changes)
+    radius = np.maximum(np.abs(place), _SETTINGS.nearest)
+    return _Seen(radius, angle, waves_there, course, changes)
 
 
 def _along(rows: Array, coefficients: Array) -> Array:

@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from palpate.arrays import Array, Complex, Flags
-from palpate.exploring.curve import COEFFICIENTS
+from palpate.exploring.curve import COEFFICIENTS, BaseCurve
 
 CENTER = slice(0, 2)
 """Centre of friction, world frame [m]."""
@@ -47,6 +47,8 @@ class Rows:
     """Means of the V variables, (B, V)."""
     covariance: Array
     """(B, V, V)."""
+    base: BaseCurve
+    """Curve that those of all rows are about."""
     pole: Complex
     """Pole of the curve in the object frame, (B,), complex [m]."""
     is_straight: Flags

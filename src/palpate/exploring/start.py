@@ -7,7 +7,14 @@ import numpy as np
 
 from palpate.arrays import Array, Complex, Flags
 from palpate.config import Priors
-from palpate.exploring.curve import COEFFICIENTS, curve_about, deviations_about, form_deviations
+from palpate.exploring.curve import (
+    COEFFICIENTS,
+    UNIT_CIRCLE,
+    BaseCurve,
+    base_about,
+    deviations_about,
+    form_deviations,
+)
 from palpate.exploring.rows import CENTER, CENTER_IN_OBJECT, CURVE, Place, Rows
 from palpate.types.outline import Sketch, Unknown
 
@@ -42,6 +49,8 @@ _SETTINGS = _Settings()
 class _Forms:
     """Forms of B rows."""
 
+    base: BaseCurve
+    """Curve that all are about."""
     curve: Array
     """Coefficients of the curves (B, COEFFICIENTS)."""
     deviation: Array
@@ -97,6 +106,7 @@ def _unknown_forms(radius: Array, center: Complex, tip: float) -> _Forms:
     curve = np.zeros((count, COEFFICIENTS))
     curve[:, 0] = np.log(radius + tip)
     return _Forms(
+        base=UNIT_CIRCLE,
         curve=curve,
         deviation=np.concatenate(((_SETTINGS.roundness,), form_deviations())),
         friction_radius=_SETTINGS.even * radius,
@@ -108,21 +118,22 @@ def _unknown_forms(radius: Array, center: Complex, tip: float) -> _Forms:
 
 
 def _forms_of_sketch(given: Sketch, priors: Priors, tip: float, generator: np.random.Generator) -> _Forms:
-    """Return forms about a sketch; half of the variance is between the rows."""
+    """Return forms about a sketch; half of the variance of the centre of friction is between the rows."""
     count = _SETTINGS.count
     center = complex(*given.shape.centroid)
-    curve = curve_about(given.shape, center, tip)
+    base = base_about(given.shape, center, tip)
+    mean_radius = float(np.exp(base.table[0].mean()))
     friction_radius = given.shape.friction_radius()
-    center_deviation = math.hypot(priors.friction_center[1] * friction_radius, given.sigma)
-    deviation = math.sqrt(0.5) * deviations_about(given.sigma / math.exp(curve[0]))
-    between = math.sqrt(0.5) * center_deviation * generator.normal(0.0, 1.0, (2, count))
+    center_deviation = math.sqrt(0.5) * math.hypot(priors.friction_center[1] * friction_radius, given.sigma)
+    between = generator.normal(0.0, center_deviation, (2, count))
     return _Forms(
-        curve=curve + deviation * generator.normal(0.0, 1.0, (count, COEFFICIENTS)),
-        deviation=deviation,
+        base=base,
+        curve=np.zeros((count, COEFFICIENTS)),
+        deviation=deviations_about(given.sigma / mean_radius),
         friction_radius=np.full(count, friction_radius),
         pole=np.full(count, center),
         center=center + between[0] + 1j * between[1],
-        center_deviation=np.full(count, math.sqrt(0.5) * center_deviation),
+        center_deviation=np.full(count, center_deviation),
         is_straight=np.zeros(count, np.bool_),
     )
 
@@ -148,7 +159,7 @@ def _rows(forms: _Forms, pose: Array, covariance: Array, priors: Priors, generat
     variance[:, CURVE] = np.square(forms.deviation)
     whole = variance[:, :, None] * np.eye(CURVE.stop)
     _follow_pose(whole, forms.center, rotation, covariance)
-    return Rows(mean, whole, forms.pole, forms.is_straight, np.zeros(count))
+    return Rows(mean, whole, forms.base, forms.pole, forms.is_straight, np.zeros(count))
 
 
 def _follow_pose(whole: Array, center: Complex, rotation: complex, covariance: Array) -> None:
