@@ -618,6 +618,26 @@ TABLES: dict[str, Table] = {
             "third",
         ),
     ),
+    "outline-base": Table(
+        {
+            "curve": "{name}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "in 95 %": "{in_95:.0%}",
+            "T alone": "{t_mm:.1f} mm ({t_in_95:.0%})",
+            "in the band": "{band:.0%}",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "unknown_before": "unknown, as rough as polygons",
+                "unknown_arms": "unknown, twice as rough; the band holds the set-up's error",
+                "sketch_before": "sketch, drawn by harmonics, which also are its error, by their order",
+                "sketch_bends": "the same, its error alike up to the fourth harmonic",
+                "sketch_exact": "drawn exactly; the band holds the set-up's error",
+            },
+            "base",
+        ),
+    ),
     "outline-study": Table(
         OUTLINE_POSES,
         of_json(

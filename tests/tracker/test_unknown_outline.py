@@ -9,6 +9,7 @@ import pytest
 
 import palpate
 from palpate import DIGIT, ContactDirection, Disc, Frame, Outline, Polygon, Rectangle, Sketch, Tracker, Unknown
+from palpate.geometry.shapes import SHAPES
 
 RADIUS = 0.06
 FIRST = np.array((0.0, 0.0, 0.2))
@@ -122,6 +123,23 @@ def test_a_disc_that_rests_is_learnt_all_around():
     assert np.abs(radius - RADIUS).max() < 3e-3
     assert np.all(np.abs(radius - RADIUS) < 3.0 * outline.deviation)
     assert outline.touched.mean() > 0.5
+
+
+def test_a_sketch_is_drawn_exactly_where_a_tip_gets_to():
+    far_away = [Frame(0.0, np.array((0.5, 0.0, 0.0)), contact=False)]
+    for shape, reached in ((SHAPES["triangle"], 1.0), (SHAPES["t"], 0.75)):  # a tip is too large for inner corners
+        points = outline_of(tracked(Sketch(shape, 1e-3), far_away, np.zeros(3))[-1]).points
+        off = np.abs(shape.signed_distance(points))
+        assert np.mean(off < 1e-4) >= reached
+
+
+def test_the_band_of_a_touched_place_holds_the_error_of_the_set_up():
+    """However often a place is touched, where the sensor is mounted and how far its gel gives way stay unknown."""
+    one_round = touches()
+    again = [replace(one, time=one.time + 10.0 * turn) for turn in range(6) for one in one_round]
+    outline = outline_of(tracked(Unknown((0.05, 0.2)), again, np.zeros(3))[-1])
+    mounting = palpate.TrackerSettings("none").noise.sensor_pose.calibration[0]
+    assert outline.deviation.min() > mounting
 
 
 def test_an_object_larger_than_stated_and_a_sketch_that_does_not_fit_are_strained():
