@@ -4,6 +4,10 @@
 
 - Five simulated outlines in turn, COUNT recordings (60 by default) of 40 s of contacts from several sides.
 - MIT's and CMU's real motion, where ../shared/data is there: all pushes of MIT, each other one of CMU.
+- Contacts that were clicked on three outlines, where ../shared/data is there, with the object's pose known.
+
+Beside them stands a Gaussian process and a factor graph in turn, as published; see `palpate_lab.tactile_slam`. It is
+given the friction radius and the centroid of the true outline.
 
 Touch gives the true contact direction with the errors of an image, drawn; the two tips of CMU's hand tell contact
 alone. First poses are true. A sketch is the true outline, bent by 5 mm in harmonics. One core.
@@ -12,12 +16,15 @@ alone. First poses are true. A sketch is the true outline, bent by 5 mm in harmo
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 import numpy as np
 from _common import write
+from clicked_contacts import FIRST_SIGMA as AT_REST
+from clicked_contacts import PROBE, judged
 
 import palpate
 from palpate import ContactDirection
@@ -26,6 +33,8 @@ from palpate.geometry.shapes import SHAPES
 from palpate_lab.parallel import quiet
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.recordings import Simulation
+from palpate_lab.tactile_slam.smoother import Pressure
+from palpate_lab.tactile_slam.tracking import TactileSlam
 
 SEED = 20261532
 OBJECTS = ("triangle", "t", "butterfly", "hexagon", "rounded-square")
@@ -36,17 +45,24 @@ LASTING = 0.9  # share of a direction's error that the next frame has, too
 IN_95 = 7.815  # of chi squared with three degrees of freedom
 BENT = 5e-3  # [m] of a sketch
 FIRST_SIGMA = (5e-4, 5e-4, 5e-3)
+STATED = palpate.Unknown()
+OF_STATUSES = ("sure_share", "silently_wrong_share")
+"""Scores of statuses, which the baseline has not."""
 Make = Callable[[], palpate.Recording]
+Touched = list[tuple[palpate.Frame, list[ContactDirection]]]
 
 
 def main(count: int) -> None:
     """Track all recordings, and write scores of each and of each kind together."""
     found: list[dict[str, Any]] = []
+    with quiet():
+        clicked = judged({"unknown": learnt, "baseline": learnt_by_baseline}, outline_score)
+    contacts = {"clicked": {"together": summarised(clicked), "files": clicked}} if clicked else {}
     for number, (kind, name, make) in enumerate(planned(count)):
         with quiet():
             found.append({"kind": kind, "name": name, **tracked(make(), number)})
         print(found[-1], flush=True)
-        write("unknown_outline", {"seed": SEED, "planned": count, **grouped(found), "runs": found})
+        write("unknown_outline", {"seed": SEED, "planned": count, **grouped(found), **contacts, "runs": found})
 
 
 def grouped(found: list[dict[str, Any]]) -> dict[str, Any]:
@@ -83,18 +99,21 @@ def simulated(name: str, seed: int) -> palpate.Recording:
 def tracked(recording: palpate.Recording, number: int) -> dict[str, Any]:
     """Return the scores of one recording."""
     shape = recording.shape
+    seen = touched(recording, number)
     begun = time.monotonic()
-    unknown = estimated(recording, palpate.Unknown(), number)
-    seconds = time.monotonic() - begun
-    known = estimated(recording, shape, number)
+    unknown = estimated(recording, STATED, seen)
+    ended = time.monotonic()
+    baseline = estimated_by_baseline(recording, seen)
+    of_baseline = pose_scores(baseline, recording) | outline_scores(baseline, recording)
     scores: dict[str, Any] = {
         "unknown": pose_scores(unknown, recording) | outline_scores(unknown, recording),
-        "known": pose_scores(known, recording),
-        "ms_a_frame": 1e3 * seconds / len(recording.truth),
+        "known": pose_scores(estimated(recording, shape, seen), recording),
+        "baseline": {key: value for key, value in of_baseline.items() if key not in OF_STATUSES},
+        "ms_a_frame": 1e3 * (ended - begun) / len(recording.truth),
     }
     sketch = sketched(shape, number)
     if sketch is not None:
-        estimates = estimated(recording, sketch, number)
+        estimates = estimated(recording, sketch, seen)
         scores["sketch"] = pose_scores(estimates, recording) | outline_scores(estimates, recording)
     return scores
 
@@ -115,25 +134,68 @@ def sketched(shape: palpate.Shape, number: int) -> palpate.Sketch | None:
         return None
 
 
-def estimated(recording: palpate.Recording, shape: Any, number: int) -> list[palpate.Estimate]:
-    """Return the estimates with true directions that have errors."""
+def touched(recording: palpate.Recording, number: int) -> Touched:
+    """Return the frames, each with the true direction and its errors, which `number` draws."""
     rng = np.random.default_rng([SEED, number])
     bias = BIAS * rng.normal()
     error = 0.0
-    settings = palpate.TrackerSettings("none")
-    first = recording.truth[np.isfinite(recording.truth).all(axis=1)][0]
-    tracker = palpate.Tracker(shape, recording.sensor, first, settings, first_pose_sigma=FIRST_SIGMA)
     is_one_tip = len(recording.sensor.tips) == 1
-    estimates = []
+    seen: Touched = []
     for frame, truth in zip(recording, recording.truth, strict=True):
-        measured = []
+        measured: list[ContactDirection] = []
         if frame.contact and is_one_tip and np.isfinite(truth).all():
             error = LASTING * error + np.sqrt(1.0 - LASTING**2) * 0.7 * SIGMA * rng.normal()
             measured = [ContactDirection(true_direction(recording, frame, truth) + bias + error, SIGMA**2)]
         else:
             error = 0.0
-        estimates.append(tracker.update(frame, measured))
+        seen.append((frame, measured))
+    return seen
+
+
+def first_pose(recording: palpate.Recording) -> np.ndarray:
+    """Return the first true pose (3,)."""
+    return recording.truth[np.isfinite(recording.truth).all(axis=1)][0]
+
+
+def estimated(recording: palpate.Recording, shape: Any, seen: Touched) -> list[palpate.Estimate]:
+    """Return the estimates with a known outline, an unknown one, or a sketch."""
+    settings = palpate.TrackerSettings("none")
+    first = first_pose(recording)
+    tracker = palpate.Tracker(shape, recording.sensor, first, settings, first_pose_sigma=FIRST_SIGMA)
+    return [tracker.update(frame, measured) for frame, measured in seen]
+
+
+def estimated_by_baseline(recording: palpate.Recording, seen: Touched) -> list[palpate.Estimate]:
+    """Return the estimates of the baseline, of which the last alone has an outline."""
+    shape = recording.shape
+    covariance = np.diag(np.square(FIRST_SIGMA))
+    pressure = Pressure(shape.friction_radius(), shape.centroid)
+    slam = TactileSlam(STATED, recording.sensor, first_pose(recording), covariance, pressure)
+    estimates: list[palpate.Estimate] = []
+    for frame, measured in seen:
+        slam.step(frame, measured)
+        in_contact = bool(frame.contact)
+        estimates.append(palpate.Estimate(frame.time, slam.pose, slam.covariance, in_contact, "uncertain"))
+    estimates[-1] = replace(estimates[-1], outline=slam.outline())
     return estimates
+
+
+def learnt(frames: list[palpate.Frame]) -> palpate.Outline:
+    """Return the outline after contacts with an object at rest, whose pose is known."""
+    settings = palpate.TrackerSettings("none")
+    tracker = palpate.Tracker(STATED, PROBE, np.zeros(3), settings, first_pose_sigma=AT_REST)
+    outline = [tracker.update(frame) for frame in frames][-1].outline
+    assert outline is not None
+    return outline
+
+
+def learnt_by_baseline(frames: list[palpate.Frame]) -> palpate.Outline:
+    """Return the same by the baseline; nothing moves, so that pressure does not matter."""
+    pressure = Pressure(0.5 * STATED.mean_width, np.zeros(2))
+    slam = TactileSlam(STATED, PROBE, np.zeros(3), np.diag(np.square(AT_REST)), pressure)
+    for frame in frames:
+        slam.step(frame, frame.measurements)
+    return slam.outline()
 
 
 def true_direction(recording: palpate.Recording, frame: palpate.Frame, truth: np.ndarray) -> float:
@@ -170,7 +232,12 @@ def outline_scores(estimates: list[palpate.Estimate], recording: palpate.Recordi
     """Return how far the last outline is off, and how much of the true one its band holds."""
     outline = estimates[-1].outline
     assert outline is not None
-    off = np.abs(recording.shape.signed_distance(outline.points))
+    return outline_score(outline, recording.shape)
+
+
+def outline_score(outline: palpate.Outline, shape: palpate.Shape) -> dict[str, float]:
+    """Return how far an outline is off, and how much of the true one its band holds."""
+    off = np.abs(shape.signed_distance(outline.points))
     in_band = off <= 1.96 * outline.deviation
     return {
         "touched_share": float(outline.touched.mean()),
@@ -184,16 +251,15 @@ def outline_scores(estimates: list[palpate.Estimate], recording: palpate.Recordi
 def summarised(found: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the scores of all recordings of a kind together."""
     together: dict[str, Any] = {"recordings": len(found)}
-    for which in ("known", "unknown", "sketch"):
+    for which in ("known", "unknown", "baseline", "sketch"):
         of_this = [one[which] for one in found if which in one]
         if not of_this:
             continue
-        medians = {f"{key}_median": median(one[key] for one in of_this) for key in ("rms_mm", "rms_deg")}
-        means = {key: fmean(one[key] for one in of_this) for key in of_this[0] if not key.startswith("rms")}
-        worst = {"rms_mm_worst": max(one["rms_mm"] for one in of_this)}
+        keys = of_this[0].keys()
+        medians = {f"{key}_median": median(one[key] for one in of_this) for key in keys if "rms" in key}
+        means = {key: fmean(one[key] for one in of_this) for key in keys if not key.startswith("rms")}
+        worst = {f"{key}_worst": max(one[key] for one in of_this) for key in keys if key == "rms_mm"}
         together[which] = {"of": len(of_this), **medians, **worst, **means}
-        if "touched_rms_mm" in of_this[0]:
-            together[which]["touched_rms_mm_median"] = median(one["touched_rms_mm"] for one in of_this)
     return together
 
 
