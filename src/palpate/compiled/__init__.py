@@ -24,9 +24,12 @@ EVERY: "list[Compiled]" = []
 """All compiled functions so far."""
 
 
-def kernel(function: F, **options: Any) -> F:
-    """Return a function for use in compiled ones, with options of Numba."""
-    return cast("F", Kernel(function, options))
+def kernel(function: F, are_disjoint: bool = False, **options: Any) -> F:
+    """Return a function for use in compiled ones, with options of Numba.
+
+    Where arrays among its arguments `are_disjoint`, do not overlap in memory, loops over them become vector code.
+    """
+    return cast("F", Kernel(function, are_disjoint, options))
 
 
 def compiled(*example: Any, name: str = "", **options: Any) -> "Callable[[Callable[..., Any]], Compiled]":
