@@ -158,7 +158,7 @@ def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
         parts: Any = kind
         return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in parts])
     if isinstance(kind, types.Array):
-        address = builder.inttoptr(next(words), ir.IntType(8).as_pointer())
+        address = builder.load(builder.inttoptr(next(words), ir.IntType(8).as_pointer().as_pointer()))
         lengths = types.UniTuple(types.intp, kind.ndim)
         shape = context.make_tuple(builder, lengths, [next(words) for _ in range(kind.ndim)])
         return np_cfarray(context, builder, kind(types.voidptr, lengths), (address, shape))
