@@ -5,7 +5,6 @@ with palpate, or Numba makes it when it is first needed, and it is kept; see `co
 Functions that only these call are `kernel`s: part of the code of their callers.
 """
 
-import ctypes
 import struct
 from collections.abc import Callable
 from functools import cached_property
@@ -16,17 +15,19 @@ import numpy as np
 from palpate.compiled.kernels import Kernel
 
 F = TypeVar("F", bound=Callable[..., object])
-# In NumPy's structure of an array, the address of its data follows what begins every object of Python. It is read
-# there, as `array.ctypes.data` takes 1.3 us, of which a frame needs fifty.
+# In NumPy's structure of an array, the address of its data follows what begins every object of Python. Compiled code
+# reads it there, as `array.ctypes.data` takes 1.3 us, of which a frame needs fifty.
 _TO_DATA = object.__basicsize__
-_POINTER = ctypes.c_ssize_t
 EVERY: "list[Compiled]" = []
 """All compiled functions so far."""
 
 
-def kernel(function: F, **options: Any) -> F:
-    """Return a function for use in compiled ones, with options of Numba."""
-    return cast("F", Kernel(function, options))
+def kernel(function: F, are_disjoint: bool = False, **options: Any) -> F:
+    """Return a function for use in compiled ones, with options of Numba.
+
+    Where arrays among its arguments `are_disjoint`, do not overlap in memory, loops over them become vector code.
+    """
+    return cast("F", Kernel(function, are_disjoint, options))
 
 
 def compiled(*example: Any, name: str = "", **options: Any) -> "Callable[[Callable[..., Any]], Compiled]":
@@ -117,12 +118,15 @@ def _compiled_of(name: str) -> Compiled:
 
 
 def _flatten(example: Any, argument: Any, numbers: list[float]) -> None:
-    """Append address and lengths of an array, real and imaginary part of a complex number, or a number."""
+    """Append the place of an array's address and its lengths, real and imaginary part of a complex number, or a number.
+
+    The array must outlive the call.
+    """
     if isinstance(example, np.ndarray):
         is_type = argument.dtype is example.dtype or argument.dtype == example.dtype  # structured types compare slowly
         if not is_type or argument.ndim != example.ndim or not argument.flags.c_contiguous:
             raise TypeError(f"an array has {argument.dtype}, {argument.strides}; the example has {example.dtype}")
-        numbers.append(_POINTER.from_address(id(argument) + _TO_DATA).value)
+        numbers.append(id(argument) + _TO_DATA)
         numbers.extend(argument.shape)
     elif isinstance(example, tuple):
         for part, given in zip(example, argument, strict=True):

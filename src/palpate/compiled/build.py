@@ -112,7 +112,7 @@ def linked_in_memory(code: bytes, name: str) -> int:
 def _entry(compiled: "Compiled") -> Any:
     """Return Numba's compiled function of C that takes the packed numbers of `palpate.compiled._flatten`."""
     arguments = _unpacking(compiled.example)
-    function = _jit(compiled.function, compiled.options)
+    function = _jit(compiled.function, compiled.options, _KernelCompiler)
 
     def call(packed: Any) -> Any:
         try:
@@ -158,7 +158,7 @@ def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
         parts: Any = kind
         return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in parts])
     if isinstance(kind, types.Array):
-        address = builder.inttoptr(next(words), ir.IntType(8).as_pointer())
+        address = builder.load(builder.inttoptr(next(words), ir.IntType(8).as_pointer().as_pointer()))
         lengths = types.UniTuple(types.intp, kind.ndim)
         shape = context.make_tuple(builder, lengths, [next(words) for _ in range(kind.ndim)])
         return np_cfarray(context, builder, kind(types.voidptr, lengths), (address, shape))
@@ -170,17 +170,18 @@ def _value(context: Any, builder: Any, kind: Any, words: Iterator[Any]) -> Any:
     return builder.bitcast(next(words), context.get_value_type(kind))
 
 
-def _jit(function: Any, options: dict[str, Any]) -> Any:
+def _jit(function: Any, options: dict[str, Any], pipeline: type[Compiler]) -> Any:
     """Return Numba's form of a function that only compiled ones call, and that makes no arrays."""
     only_called = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
-    return numba.njit(function, pipeline_class=_KernelCompiler, **only_called, **_OPTIONS, **options)
+    return numba.njit(function, pipeline_class=pipeline, **only_called, **_OPTIONS, **options)
 
 
 @typeof_impl.register(Kernel)
 def _type_of_kernel(kernel: Kernel, _: Any) -> types.Dispatcher:
     """Return the type by which Numba knows a kernel."""
     if kernel not in _KERNELS:
-        _KERNELS[kernel] = _jit(kernel.function, kernel.options)
+        pipeline = _DisjointCompiler if kernel.are_disjoint else _KernelCompiler
+        _KERNELS[kernel] = _jit(kernel.function, kernel.options, pipeline)
     return types.Dispatcher(_KERNELS[kernel])
 
 
@@ -210,3 +211,9 @@ class _KernelLibrary(JITCodeLibrary):
 class _KernelCompiler(Compiler):
     def __init__(self, typing: Any, target: Any, _library: None, *given: Any) -> None:
         super().__init__(typing, target, _KernelLibrary(target.codegen(), "kernel"), *given)
+
+
+class _DisjointCompiler(_KernelCompiler):
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.state.flags.noalias = True

@@ -8,9 +8,11 @@ from typing import Any
 class Kernel:
     """A function that is compiled into those that call it; Python cannot call it."""
 
-    def __init__(self, function: Callable[..., object], options: dict[str, Any]) -> None:
+    def __init__(self, function: Callable[..., object], are_disjoint: bool, options: dict[str, Any]) -> None:
         self.function = function
         """The function in Python."""
+        self.are_disjoint = are_disjoint
+        """True if its arguments do not overlap in memory."""
         self.options = options
         """Options of Numba."""
         self.__module__ = function.__module__  # generated code imports it from there by its name

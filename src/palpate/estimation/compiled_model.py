@@ -51,7 +51,7 @@ class Functions(NamedTuple):
     """Write what factors of pairs read and what depends on several steps."""
     prepare_last: Any
     """Write the same for the last step once the steps have moved."""
-    put_object: Any
+    put_object_pose: Any
     """Write the pose of the object that follows from the variables of a step."""
     put_object_derivative: Any
     """Write the derivative of that pose by the variables of the step."""

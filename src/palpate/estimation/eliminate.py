@@ -24,6 +24,7 @@ A step may have any size. Sizes are constants of the compiled functions, so that
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 from palpate.arrays import Array
@@ -67,7 +68,7 @@ def elimination(step_size: int, shared_size: int) -> Elimination:
 def make_eliminate(first: int, count: int, width: int) -> Any:
     """Return the compiled function that eliminates so many numbers of a system, from `first` on."""
 
-    @kernel
+    @partial(kernel, are_disjoint=True)
     def eliminate(system: Array, gradient: Array, root: Array, y: Array) -> bool:
         """Eliminate numbers; False if they are indeterminate.
 
@@ -96,7 +97,7 @@ def make_eliminate_step(size: int, width: int) -> Any:
     """Return the compiled function that eliminates the older step of a system."""
     eliminate = make_eliminate(0, size, width)
 
-    @kernel
+    @partial(kernel, are_disjoint=True)
     def eliminate_step(system: Array, gradient: Array, root: Array, y: Array) -> bool:
         """Eliminate the older step; subtract root^T root from the rest of the system, root^T y from its gradient."""
         if not eliminate(system, gradient, root, y):
@@ -144,7 +145,7 @@ def make_substitute_back(first: int, count: int, width: int) -> Any:
         """Write the change (width,) of the numbers that were eliminated; those after them have theirs."""
         for c in range(count - 1, -1, -1):
             total = y[c]
-            for j in range(first + c + 1, width):
+            for j in range(width - 1, first + c, -1):  # what was written last comes last, so that less waits for it
                 total -= root[c, j] * change[j]
             change[first + c] = total / root[c, first + c]
 

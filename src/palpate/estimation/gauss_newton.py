@@ -5,7 +5,7 @@ its `Functions` linearise factors and move variables; see `estimation.eliminate`
 """
 
 import math
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -67,7 +67,7 @@ def make_improve_row(model: Functions) -> Any:
     """Return the compiled function of a model that takes Gauss-Newton steps of one row."""
     eliminate_steps = make_eliminate_steps(model)
     move = make_move(model)
-    put_object_covariance = make_put_object_covariance(model)
+    put_object = make_put_object(model)
     put_process_innovations = make_put_process_innovations(model)
     put_innovations = make_put_innovations(model)
     put_surprise = make_put_surprise(model)
@@ -98,7 +98,7 @@ def make_improve_row(model: Functions) -> Any:
             model.prepare_step(steps[len(steps) - 1], surface)
             model.prepare_last(steps, row, given.settings[0])
             put_process_innovations(steps, row, given)
-            put_object_covariance(steps[len(steps) - 1], row, work)
+            put_object(steps[len(steps) - 1], row, work)
             put_innovations(steps, left, row, terms, own, given)
             put_surprise(steps, left, row)
         return is_changing
@@ -250,10 +250,11 @@ def make_write_next_past(model: Functions) -> Any:
 def make_add(width: int) -> Any:
     """Return the compiled function that adds the rows of a factor to a system of this width."""
 
-    @kernel
+    @partial(kernel, are_disjoint=True)
     def add(role: int, count: int, out: Records, now: Records, system: Array, gradient: Array) -> None:
         """Add the rows of a factor to the system and their costs to those of the step, and clear them.
 
+        They are added in full, which is quicker than to the upper triangle.
         The cost is half the square of each row, reduced by its kernel. A Cauchy kernel of scale k gives a square s the
         weight w = 1 / (1 + s / k^2) and the cost k^2 log(1 + s / k^2) / 2, which is -s w / (1 - w) log(w) / 2. The
         costs of several rows under one kernel add up to this.
@@ -266,7 +267,7 @@ def make_add(width: int) -> Any:
                 if row[i] != 0.0:
                     pull = weight * row[i]
                     gradient[i] -= pull * residual
-                    for j in range(i, width):
+                    for j in range(width):
                         system[i, j] += pull * row[j]
             row[:] = 0.0
             square = out.information[r] * residual**2
@@ -300,7 +301,6 @@ def make_move(model: Functions) -> Any:
         for k in range(len(steps) - 1, -1, -1):
             now = steps[k]
             model.move_step(now, change[size:])
-            model.put_object(now)
             for i in range(size, 2 * size):
                 largest = max(largest, abs(change[i]))
                 total += change[i]  # which is not finite if one of them is not
@@ -314,16 +314,17 @@ def make_move(model: Functions) -> Any:
     return move
 
 
-def make_put_object_covariance(model: Functions) -> Any:
-    """Return the compiled function of a model that writes the covariance of the object."""
+def make_put_object(model: Functions) -> Any:
+    """Return the compiled function of a model that writes the pose of the object and its covariance."""
 
     @kernel
-    def put_object_covariance(last: Records, row: Records, work: Records) -> None:
-        """Write the joint covariance of the object's last pose and its variables."""
+    def put_object(last: Records, row: Records, work: Records) -> None:
+        """Write the object's last pose, and the joint covariance of this and its variables."""
         out = work.linear
         first = model.step_size
         size = len(row.covariance)
         width = len(work.gradient)
+        model.put_object_pose(last, row.object)
         model.put_object_derivative(last, out.jacobian, first)
         for i in range(size):
             derivative = out.jacobian[i]
@@ -338,4 +339,4 @@ def make_put_object_covariance(model: Functions) -> Any:
                 row.covariance[j, i] = product
         out.jacobian[:] = 0.0
 
-    return put_object_covariance
+    return put_object

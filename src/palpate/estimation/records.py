@@ -44,7 +44,6 @@ def step_type(model: Model) -> np.dtype:
 
     - The variables of the step by their short names, poses that are known, and the rotations `turn_NAME` of both,
       exp(i theta) as complex numbers.
-    - object: pose that follows from the variables [m, m, rad].
     - touch: contact geometry at the variables.
     - The numbers of the step that factors read.
     - Of several fingers, each of these by finger: finger and turn_finger, the pose in the hand and its rotation;
@@ -62,7 +61,6 @@ def step_type(model: Model) -> np.dtype:
     for name in model.step_poses:
         fields[name] = "3f8"
         fields[f"turn_{name}"] = "c16"
-    fields["object"] = "3f8"
     fields["touch"] = model.geometry
     fields |= dict.fromkeys(model.step_numbers, "f8")
     if model.fingers:
@@ -117,7 +115,7 @@ def row_type(model: Model, past: np.dtype) -> np.dtype:
     - first_...: belief about the object at the beginning: pose with its rotation, variables, and whitening matrix of
       their joint covariance.
     - past, next_past: what older steps say, and what they will say once the oldest step has left.
-    - covariance: joint covariance of the object's last pose and its variables.
+    - object, covariance: the object's last pose [m, m, rad], and the joint covariance of this and its variables.
     - surprise: mean of those of the last steps for each factor; 0 until there are enough.
     - innovations: of the rows of each factor that arrived with the last step, see `Estimate.innovations`.
     - change, moved: largest change of a variable of a step in the last Gauss-Newton step, and that of the last step and
@@ -136,6 +134,7 @@ def row_type(model: Model, past: np.dtype) -> np.dtype:
         "first_root": f"({size},{size})f8",
         "past": past,
         "next_past": past,
+        "object": "3f8",
         "covariance": f"({size},{size})f8",
         "change": "f8",
         "surprise": f"{names}f8",

@@ -89,10 +89,6 @@ class Window:
         """Return the last step of a row; see `estimation.records.step_type`."""
         return self._steps[-1, row]
 
-    def object_path(self) -> Array:
-        """Return the object poses of all steps in the window, (B, N, 3)."""
-        return self._steps["object"].swapaxes(0, 1).copy()
-
     def costs(self) -> Array:
         """Return the cost of each of the last steps (B, N, 3): minus its log likelihood, except for a constant.
 

@@ -40,7 +40,7 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         prepare_step=hand_step.prepare_hand_step if is_hand else step.prepare_step,
         prepare_process=hand_step.make_put_hand_force(model) if is_hand else force.make_put_force(model),
         prepare_last=hand_step.make_put_last_hand_force(model) if is_hand else force.make_put_last_force(model),
-        put_object=step.put_object,
+        put_object_pose=step.put_object_pose,
         put_object_derivative=step.put_object_derivative,
     )
     records = record_types(model)

@@ -19,13 +19,13 @@ def prepare_step(now: Records, surface: Surface) -> None:
 
 
 @kernel
-def put_object(now: Records) -> None:
+def put_object_pose(now: Records, pose: Array) -> None:
     """Write the object's pose o = e g^-1."""
     turn = rotation(now.e[2] - now.g[2])
     place = position(now.e) - turn * position(now.g)
-    now.object[0] = place.real
-    now.object[1] = place.imag
-    now.object[2] = wrap(now.e[2] - now.g[2])
+    pose[0] = place.real
+    pose[1] = place.imag
+    pose[2] = wrap(now.e[2] - now.g[2])
 
 
 @kernel

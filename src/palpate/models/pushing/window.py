@@ -27,9 +27,13 @@ class PushingWindow(window.Window):
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
-        pose = self._steps["object"][-1].copy()
         values = self.rows["shared"][:, self._compiled.model.contact_size :].copy()
-        return Belief(pose, values, self.rows["covariance"].copy())
+        return Belief(self.rows["object"].copy(), values, self.rows["covariance"].copy())
+
+    def object_path(self) -> Array:
+        """Return the object poses of all steps in the window, (B, N, 3)."""
+        steps = self._steps.swapaxes(0, 1)
+        return se2.compose(steps["e"], se2.inverse(steps["g"]))
 
 
 class ContactWindow(PushingWindow):
