@@ -181,11 +181,6 @@ def test_a_tip_at_the_middle_of_a_sketch_contradicts_it_and_estimates_stay_finit
     assert estimate.status == "strained" and np.isfinite(outline_of(estimate).points).all()
 
 
-def test_a_flat_pad_is_refused():
-    with pytest.raises(palpate.SettingError, match="flat pad"):
-        Tracker(Unknown(), "gelsight-mini", FIRST)
-
-
 def test_several_tips_carry_the_object_with_them():
     tips = palpate.SensorProfile(name="fingers", radius=0.005, tips=((0.0, -0.02), (0.0, 0.02)), rate=30.0)
     tracker = Tracker(Unknown(), tips, np.array((0.05, 0.0, 0.0)), palpate.TrackerSettings("none"))

@@ -15,9 +15,10 @@ from palpate.config import ANYWHERE_SIGMA, TrackerSettings
 from palpate.errors import SettingError
 from palpate.exploring.explored import Explored
 from palpate.exploring.explorer import Explorer
+from palpate.exploring.felt import felt
 from palpate.geometry import se2
 from palpate.types.estimate import Clearance
-from palpate.types.measurements import ContactDirection, Frame, Measurement
+from palpate.types.measurements import Frame, Measurement
 from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
@@ -34,6 +35,7 @@ class Exploration:
         """Take the stated sizes or the sketch, the sensor, and settings with the noise of this sensor unit."""
         self._given = outline
         self._sensor = sensor
+        self._noise = settings.noise
         self._explorer = Explorer(outline, sensor, settings)
         self._left_out: set[str] = set()  # kinds of measurements that were warned of
 
@@ -95,9 +97,10 @@ class Exploration:
         """Make the object frame by the first contact, whose direction is that of the sensor if touch has none."""
         assert isinstance(self._given, Unknown)
         self._is_placed = True
-        directions = [one.angle for one in measurements if isinstance(one, ContactDirection)]
-        angle = directions[0] if directions else 0.0
-        contact = np.array((*(self._sensor.center + self._sensor.radius * _unit(angle)), angle))
+        first = felt(self._sensor, measurements, self._noise, frames=1)
+        angle = first.direction or 0.0
+        part = self._sensor.center + np.array((0.0, first.along))
+        contact = np.array((*(part + self._sensor.radius * _unit(angle)), angle))
         origin = np.array((0.5 * self._given.mean_width, 0.0, 0.0))
         pose = se2.compose(se2.compose(frame.sensor_pose, contact), origin)
         known = np.diag(np.square((1e-4, 1e-4, 1e-4)))  # by its definition

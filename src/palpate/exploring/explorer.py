@@ -12,16 +12,16 @@ import numpy as np
 
 from palpate.arrays import Array
 from palpate.config import TrackerSettings
-from palpate.errors import SettingError
 from palpate.exploring.curve import outline_radii
 from palpate.exploring.evidence import Contacts, form_evidence, pose_evidence
 from palpate.exploring.explored import Explored
+from palpate.exploring.felt import Felt, felt, is_felt
 from palpate.exploring.observing import observe
 from palpate.exploring.pushing import Push, begin_contact, carry, move
 from palpate.exploring.rows import CENTER, CURVE, Place, Rows
 from palpate.exploring.start import rows_about_origin, rows_behind_contact
 from palpate.geometry import se2
-from palpate.types.measurements import ContactDirection, Frame, Measurement, TouchMeasurement
+from palpate.types.measurements import Frame, Measurement, TouchMeasurement
 from palpate.types.outline import Outline, Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 
@@ -36,8 +36,9 @@ class _Settings:
     """Motion of the contact between two observations [m]; without, nothing new is seen."""
     smoothing: float = 0.1
     """Time over which directions are smoothed for the motion [s]."""
-    unmeasured: float = 0.25
-    """Deviation of a direction that was not measured: a contact is somewhere on the tip [rad]."""
+    farther: float = 0.02
+    """Distance by which the curve of a flat pad lies farther outside than the centres of its round ends [m], so that
+    corners become arcs that harmonics can draw."""
     points: int = 128
     """Number of points of the outline."""
     shown: int = 20
@@ -59,10 +60,14 @@ class _Contact:
     """Time of the last frame [s]."""
     direction: float
     """Smoothed direction in the sensor frame [rad]."""
+    along: float
+    """Smoothed place of the touched part along y, from the middle of the tip [m]."""
     observed_at: float = -math.inf
     """Time of the last observation of the curve [s]."""
     way: float = math.inf
     """Motion of the sensor's surface since then [m]."""
+    measured: int = 0
+    """Number of frames since then in which touch measured a direction or a place."""
     behind: float = 0.0
     """Distance that the tip went back along the normal and has not made up for [m]."""
 
@@ -77,11 +82,8 @@ class Explorer:
     def __init__(self, outline: Unknown | Sketch, sensor: SensorProfile, settings: TrackerSettings) -> None:
         """Take the stated sizes or the sketch, the sensor, and settings with the noise of this sensor unit.
 
-        Several tips are taken to touch together. Raises SettingError on a sensor with a flat pad.
+        Several tips are taken to touch together.
         """
-        if sensor.flat_width > 0.0:
-            allowed = "an outline that is not known is learnt by round tips alone"
-            raise SettingError(f"sensor {sensor.name!r} has a flat pad of {sensor.flat_width:g} m; {allowed}")
         self._given = outline
         self._sensor = sensor
         self._settings = settings
@@ -89,7 +91,9 @@ class Explorer:
         self._set_up_covariance = np.diag(np.square(calibration))
         # That the curve is a sensor's radius from the outline is as wrong for all its points.
         self._reach_variance = max(calibration[:2]) ** 2 + settings.noise.priors.depth[1] ** 2
-        self._reach = sensor.radius - settings.noise.priors.depth[0]
+        self._sunk = sensor.radius - settings.noise.priors.depth[0]  # distance of a contact from the centre of its part
+        self._farther = _SETTINGS.farther if sensor.flat_width else 0.0
+        self._reach = self._sunk + self._farther
         self._angles: Array = np.arange(_SETTINGS.points) * np.float64(2.0 * np.pi / _SETTINGS.points)
 
     def begin(self, pose: Array, covariance: Array) -> None:
@@ -122,64 +126,70 @@ class Explorer:
         point = None
         normal = None
         if frame.contact:
-            point, normal = self._touch(frame, [one for one in measurements if isinstance(one, ContactDirection)])
+            point, normal = self._touch(frame, measurements)
         pose, covariance = self._rows.pose()
         covariance = covariance + self._set_up_covariance
         evidence = pose_evidence(covariance, bool(frame.contact), self._settings.tolerance, self._form)
         return Explored(pose, covariance, self._outline, evidence, point, normal, self._friction())
 
-    def _touch(self, frame: Frame, directions: Sequence[ContactDirection]) -> tuple[Array, Array]:
+    def _touch(self, frame: Frame, measurements: Sequence[Measurement]) -> tuple[Array, Array]:
         """Take a frame in contact; return the contact point and the outward normal, (2,) each, in the world."""
-        noise = self._settings.noise
-        angle = directions[0].angle if directions else None
-        deviation = _SETTINGS.unmeasured
-        if directions:
-            self._has_directions = True
-            own = noise.direction.share * directions[0].variance
-            deviation = math.sqrt(max(own, noise.direction.floor**2) + noise.priors.direction_bias[1] ** 2)
         last = self._contact
+        measured = (0 if last is None else last.measured) + is_felt(measurements)
+        self._has_directions |= measured > 0
+        now = felt(self._sensor, measurements, self._settings.noise, measured)
         if last is None:
             begin_contact(self._rows)
-            self._contact = _Contact(frame.sensor_pose, frame.time, angle or 0.0)
+            contact = _Contact(frame.sensor_pose, frame.time, now.direction or 0.0, now.along)
         else:
-            self._contact = self._pushed(last, frame, angle)
-        contact = self._contact
+            contact = self._pushed(last, frame, now)
+        contact.measured = measured
+        self._contact = contact
         normal = np.exp(1j * (frame.sensor_pose[2] + contact.direction))
-        point = self._middle(frame.sensor_pose) + self._reach * normal
+        point = self._middle(frame.sensor_pose, contact.along) + self._sunk * normal
         if frame.time - contact.observed_at >= _SETTINGS.interval and contact.way >= _SETTINGS.way:
-            seen = contact.direction if angle is None else angle
-            for tip in se2.transform(frame.sensor_pose, self._sensor.centers):
-                center = complex(tip[0], tip[1])
+            seen = contact.direction if now.direction is None else now.direction
+            inward = np.exp(1j * (frame.sensor_pose[2] + seen))
+            deviation = math.hypot(now.deviation, now.along_deviation / self._reach)  # a corner turns it by as much
+            for tip in se2.transform(frame.sensor_pose, self._parts(now.along)):
+                center = complex(tip[0], tip[1]) - self._farther * inward
                 observe(self._rows, center, frame.sensor_pose[2] + seen, deviation)
                 self._mark_touched(center + self._reach * normal)
             contact.observed_at = frame.time
             contact.way = 0.0
+            contact.measured = 0
             self._see_outline()
         return _vector(point), -_vector(normal)
 
-    def _pushed(self, last: _Contact, frame: Frame, angle: float | None) -> _Contact:
+    def _pushed(self, last: _Contact, frame: Frame, felt_now: Felt) -> _Contact:
         """Move the object with the sensor since the last frame; return the contact now."""
+        weight = -math.expm1(-(frame.time - last.time) / _SETTINGS.smoothing)
         direction = last.direction
-        if angle is not None:
-            weight = -math.expm1(-(frame.time - last.time) / _SETTINGS.smoothing)
-            direction += weight * math.remainder(angle - direction, 2.0 * math.pi)
-        before = self._middle(last.sensor_pose)
-        now = self._middle(frame.sensor_pose)
+        if felt_now.direction is not None:
+            direction += weight * math.remainder(felt_now.direction - direction, 2.0 * math.pi)
+        along = last.along + weight * (felt_now.along - last.along)
+        before = self._middle(last.sensor_pose, along)
+        now = self._middle(frame.sensor_pose, along)
         turn = math.remainder(frame.sensor_pose[2] - last.sensor_pose[2], 2.0 * math.pi)
         normal = complex(np.exp(1j * (frame.sensor_pose[2] + direction)))
-        motion = now - before + 1j * turn * self._reach * normal
-        point = before + self._reach * normal
+        motion = now - before + 1j * turn * self._sunk * normal
+        point = before + self._sunk * normal
         if len(self._sensor.tips) > 1:
             carry(self._rows, Push(point, normal, motion), turn)
             behind = 0.0
         else:
             pushing, behind = _pushing_part(motion, normal, last.behind)
             move(self._rows, Push(point, normal, pushing))
-        return _Contact(frame.sensor_pose, frame.time, direction, last.observed_at, last.way + abs(motion), behind)
+        way = last.way + abs(motion)
+        return _Contact(frame.sensor_pose, frame.time, direction, along, last.observed_at, way, behind=behind)
 
-    def _middle(self, sensor_pose: Array) -> complex:
-        """Return the middle of all tips' centres in the world [m], with a sensor pose (3,)."""
-        x, y = se2.transform(sensor_pose, self._sensor.centers).mean(axis=0).tolist()
+    def _parts(self, along: float) -> Array:
+        """Return the centre of each tip's touched part, (tips, 2) [m] in the sensor frame, by its place along y."""
+        return self._sensor.centers + np.array((0.0, along))
+
+    def _middle(self, sensor_pose: Array, along: float) -> complex:
+        """Return the middle of all tips' touched parts in the world [m], with a sensor pose (3,)."""
+        x, y = se2.transform(sensor_pose, self._parts(along)).mean(axis=0).tolist()
         return complex(x, y)
 
     def _mark_touched(self, point: complex) -> None:
