@@ -2,7 +2,8 @@
 
     python scripts/measure_unknown_outline.py [COUNT]
 
-- Five simulated outlines in turn, COUNT recordings (60 by default) of 40 s of contacts from several sides.
+- Five simulated outlines in turn, COUNT recordings (60 by default) of 40 s of contacts from several sides, and a
+  quarter as many in which something else moves the object in six of ten contacts and three of ten pauses.
 - MIT's and CMU's real motion, where ../shared/data is there: all pushes of MIT, each other one of CMU.
 - Contacts that were clicked on three outlines, where ../shared/data is there, with the object's pose known.
 
@@ -36,7 +37,7 @@ from palpate_lab.simulate.recordings import Simulation
 from palpate_lab.tactile_slam.smoother import Pressure
 from palpate_lab.tactile_slam.tracking import TactileSlam
 
-SEED = 20261532
+SEED = 20261551
 OBJECTS = ("triangle", "t", "butterfly", "hexagon", "rounded-square")
 SHARED = Path(__file__).resolve().parents[2] / "shared/data"
 SIGMA = 0.035  # [rad] of a direction
@@ -71,7 +72,10 @@ def grouped(found: list[dict[str, Any]]) -> dict[str, Any]:
     kinds_found = dict.fromkeys(one["kind"] for one in found)
     return {
         "together": {kind: summarised([one for one in found if one["kind"] == kind]) for kind in kinds_found},
-        "by_outline": {name: summarised([one for one in found if one["name"] == name]) for name in names},
+        "by_outline": {
+            name: summarised([one for one in found if one["name"] == name and one["kind"] == "simulated"])
+            for name in names
+        },
     }
 
 
@@ -81,6 +85,9 @@ def planned(count: int) -> list[tuple[str, str, Make]]:
     for number in range(count):
         name = OBJECTS[number % len(OBJECTS)]
         plan.append(("simulated", name, lambda name=name, number=number: simulated(name, SEED + number)))
+    for number in range(count, count + count // 4):
+        name = OBJECTS[number % len(OBJECTS)]
+        plan.append(("shoved", name, lambda name=name, number=number: simulated(name, SEED + number, shoved=True)))
     for kind, files in (
         ("MIT", sorted((SHARED / "mit_point_push").glob("*.json.gz"))),
         ("CMU", sorted((SHARED / "cmu_two_finger").glob("*.txt"))[::2]),
@@ -90,10 +97,10 @@ def planned(count: int) -> list[tuple[str, str, Make]]:
     return plan
 
 
-def simulated(name: str, seed: int) -> palpate.Recording:
+def simulated(name: str, seed: int, shoved: bool = False) -> palpate.Recording:
     """Return an exploration of an outline."""
     shape = SHAPES[name]
-    return Simulation(shape, kinds(shape)[0], seed, seconds=40.0, images=False).run()
+    return Simulation(shape, kinds(shape)[0], seed, seconds=40.0, images=False, knocks=shoved).run()
 
 
 def tracked(recording: palpate.Recording, number: int) -> dict[str, Any]:

@@ -115,6 +115,8 @@ class FormEvidence(NamedTuple):
     """Width of what was touched, if it is more than the stated size [m]; else 0."""
     from_sketch: float = 0.0
     """Largest distance of what was touched from the sketch, if it is implausible [m]; else 0."""
+    shoved_share: float = 0.0
+    """Share of contacts in which something else seems to have moved the object, if these are many; else 0."""
 
 
 class PoseEvidence(NamedTuple):
@@ -194,6 +196,11 @@ def _contradicting_form(form: FormEvidence) -> str:
         return f"what was touched is {1e3 * form.exceeding_width:.0f} mm wide, more than the size that was stated"
     if form.from_sketch > 0.0:
         return f"what was touched is up to {1e3 * form.from_sketch:.0f} mm from the sketch, more than its sigma allows"
+    if form.shoved_share > 0.0:
+        return (
+            f"something else seems to have moved the object in {form.shoved_share:.0%} of contacts; what was given of "
+            "its outline may be off"
+        )
     return ""
 
 

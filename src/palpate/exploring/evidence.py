@@ -17,6 +17,8 @@ class _Settings:
     """Standard deviations from which a contact contradicts the stated sizes or the sketch."""
     widest_gap: float = 0.3
     """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
+    often: float = 0.2
+    """Share of contacts up to which something else may move the object, as a single time always may."""
 
 
 _SETTINGS = _Settings()
@@ -46,6 +48,10 @@ class Contacts:
     """(C, 2) [m], object frame."""
     deviation: Array
     """Standard deviation of each by that of the pose, (C,) [m]."""
+    count: int = 0
+    """Number of contacts, each of which has one point or more."""
+    shoved: int = 0
+    """Number of those in which something else seems to have moved the object."""
 
 
 def form_evidence(
@@ -55,6 +61,8 @@ def form_evidence(
 
     `has_directions` says that touch measured directions or turns so far.
     """
+    often = max(_SETTINGS.often * contacts.count, 1.0)
+    shoved_share = contacts.shoved / contacts.count if contacts.shoved > often else 0.0
     touched = outline.deviation[outline.touched]
     deviation = float(np.sqrt(np.mean(np.square(touched)))) if len(touched) else 0.0
     if isinstance(given, Sketch):
@@ -64,6 +72,7 @@ def form_evidence(
             is_beyond_tolerance=False,
             has_directions=True,
             from_sketch=_beyond_sketch(contacts, given),
+            shoved_share=shoved_share,
         )
     return FormEvidence(
         untouched_share=_widest_gap(outline),
@@ -71,6 +80,7 @@ def form_evidence(
         is_beyond_tolerance=2.0 * deviation > tolerance,
         has_directions=has_directions,
         exceeding_width=_beyond_size(contacts, given),
+        shoved_share=shoved_share,
     )
 
 

@@ -6,7 +6,7 @@ from friction alone; what was touched adds up to a curve, and a curve that was t
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +70,8 @@ class _Contact:
     """Number of frames since then in which touch measured a direction or a place."""
     behind: float = 0.0
     """Distance that the tip went back along the normal and has not made up for [m]."""
+    is_shoved: bool = False
+    """True if something else seems to have moved the object in it."""
 
 
 class Explorer:
@@ -140,6 +142,7 @@ class Explorer:
         now = felt(self._sensor, measurements, self._settings.noise, measured)
         if last is None:
             begin_contact(self._rows)
+            self._contacts = replace(self._contacts, count=self._contacts.count + 1)
             contact = _Contact(frame.sensor_pose, frame.time, now.direction or 0.0, now.along)
         else:
             contact = self._pushed(last, frame, now)
@@ -153,8 +156,11 @@ class Explorer:
             deviation = math.hypot(now.deviation, now.along_deviation / self._reach)  # a corner turns it by as much
             for tip in se2.transform(frame.sensor_pose, self._parts(now.along)):
                 center = complex(tip[0], tip[1]) - self._farther * inward
-                observe(self._rows, center, frame.sensor_pose[2] + seen, deviation)
+                is_shoved = observe(self._rows, center, frame.sensor_pose[2] + seen, deviation)
                 self._mark_touched(center + self._reach * normal)
+                if is_shoved and not contact.is_shoved:
+                    contact.is_shoved = True
+                    self._contacts = replace(self._contacts, shoved=self._contacts.shoved + 1)
             contact.observed_at = frame.time
             contact.way = 0.0
             contact.measured = 0
@@ -181,7 +187,15 @@ class Explorer:
             pushing, behind = _pushing_part(motion, normal, last.behind)
             move(self._rows, Push(point, normal, pushing))
         way = last.way + abs(motion)
-        return _Contact(frame.sensor_pose, frame.time, direction, along, last.observed_at, way, behind=behind)
+        return replace(
+            last,
+            sensor_pose=frame.sensor_pose,
+            time=frame.time,
+            direction=direction,
+            along=along,
+            way=way,
+            behind=behind,
+        )
 
     def _parts(self, along: float) -> Array:
         """Return the centre of each tip's touched part, (tips, 2) [m] in the sensor frame, by its place along y."""
@@ -201,7 +215,8 @@ class Explorer:
         self._touched |= np.abs(apart) <= max(wide, np.pi / _SETTINGS.points)
         variance = covariance[0, 0] + covariance[1, 1] + covariance[2, 2] * abs(in_object) ** 2
         points = np.vstack((self._contacts.points, _vector(in_object)))
-        self._contacts = Contacts(points, np.append(self._contacts.deviation, math.sqrt(variance)))
+        deviations = np.append(self._contacts.deviation, math.sqrt(variance))
+        self._contacts = replace(self._contacts, points=points, deviation=deviations)
 
     def _see_outline(self) -> None:
         """Take outline and evidence from the rows as they are now."""
