@@ -35,7 +35,7 @@ def record_types(model: Model) -> RecordTypes:
         past=past,
         row=row_type(model, past),
         linear=linear,
-        work=work_type(model, linear),
+        work=work_type(model, linear, past),
     )
 
 
@@ -118,8 +118,8 @@ def row_type(model: Model, past: np.dtype) -> np.dtype:
     - object, covariance: the object's last pose [m, m, rad], and the joint covariance of this and its variables.
     - surprise: mean of those of the last steps for each factor; 0 until there are enough.
     - innovations: of the rows of each factor that arrived with the last step, see `Estimate.innovations`.
-    - change, moved: largest change of a variable of a step in the last Gauss-Newton step, and that of the last step and
-      the shared variables.
+    - change, earlier_change, moved: largest change of a variable of a step in the last Gauss-Newton step, that of a
+      step that is not recent, and the changes of the last step and the shared variables.
     - last_root, last_y: what is left of the last step and the shared variables once they are eliminated.
     - is_lost: True if there is no solution.
     """
@@ -137,6 +137,7 @@ def row_type(model: Model, past: np.dtype) -> np.dtype:
         "object": "3f8",
         "covariance": f"({size},{size})f8",
         "change": "f8",
+        "earlier_change": "f8",
         "surprise": f"{names}f8",
         "innovations": f"({names},{MOST_OWN_ROWS},3)f8",
         "moved": f"{model.last_size}f8",
@@ -167,10 +168,14 @@ def linear_type(model: Model) -> np.dtype:
     return _record(fields)
 
 
-def work_type(model: Model, linear: np.dtype) -> np.dtype:
-    """Return the type of the room for computing one row of a window; arrays made in compiled code compile slowly."""
+def work_type(model: Model, linear: np.dtype, past: np.dtype) -> np.dtype:
+    """Return the type of the room for computing one row of a window; arrays made in compiled code compile slowly.
+
+    `earlier` is what the earlier steps say about the first recent one.
+    """
     fields: dict[str, Any] = {
         "linear": linear,
+        "earlier": past,
         "system": f"({model.width},{model.width})f8",
         "gradient": f"{model.width}f8",
         "change": f"{model.width}f8",

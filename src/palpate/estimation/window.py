@@ -4,9 +4,10 @@ All B hypotheses of a contact are rows of one window: every array has an axis B,
 the steps (N, B), so that a step joins and leaves without a copy. To branch, prune and reorder hypotheses is to take
 rows. The terms are shared by all rows; the rows differ in their values and their past.
 
-Every step relinearises the whole window, so that its cost does not grow with the length of the contact. A step that
-leaves the window leaves a Gaussian on the next step and the shared variables (Schur complement), linearised where that
-step was before the last Gauss-Newton step. With an unlimited lag this is the batch solution.
+Every frame relinearises the whole window once and its last steps several times, so that its cost does not grow with the
+length of the contact. A step that leaves the window leaves a Gaussian on the next step and the shared variables (Schur
+complement), linearised where that step was before the last Gauss-Newton step. With an unlimited lag this is the batch
+solution.
 """
 
 from typing import Protocol
@@ -14,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.arrays import Array, Flags, Integers
+from palpate.arrays import Array, Integers
 from palpate.errors import EstimationError
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.model import Model
@@ -135,10 +136,10 @@ class Window:
         self._room = room
         self._first = 0
 
-    def _solve(self, changing: Flags) -> None:
-        """Take Gauss-Newton steps of the rows that are `changing` (B,); the others keep their solution.
+    def _solve(self, recent: Integers) -> None:
+        """Take Gauss-Newton steps, in which so many `recent` steps of each row (B,) are linearised every time.
 
-        Raises EstimationError where no row has a solution.
+        A row with 0 of them keeps its solution. Raises EstimationError where no row has a solution.
         """
         terms = self._terms.view(self._compiled.records.term)[:, 0]
         steps_of_own = np.array([step for step, _ in self._own.given], np.int64)
@@ -156,10 +157,10 @@ class Window:
                 terms,
                 (steps_of_own, linear),
                 self._given,
-                changing,
+                recent,
                 ITERATIONS // calls,
             )
-            if not np.count_nonzero(changing):
+            if not np.count_nonzero(recent):
                 break
         if np.count_nonzero(self.rows["is_lost"]) == len(self.rows):
             raise EstimationError("the linear system of the window is indeterminate")

@@ -46,7 +46,7 @@ class RestWindow(PushingWindow):
         given = Given(graph.settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
         super().__init__(compiled, given, steps, rows, 1, graph.own)
         self._join(*terms_of(compiled, step, 0), step.times[-1])
-        self._solve(np.ones(len(rows), np.bool_))
+        self._solve(np.ones(len(rows), np.int64))
         if self.rows["is_lost"].any():
             raise EstimationError("measurements of the resting object leave it indeterminate")
 

@@ -9,6 +9,7 @@ from palpate.arrays import Array
 from palpate.config import Priors
 from palpate.estimation import window
 from palpate.estimation.compiled_model import CompiledModel, Given
+from palpate.estimation.gauss_newton import RECENT
 from palpate.estimation.rows import Indices
 from palpate.estimation.variable import Variable
 from palpate.estimation.window import LAG
@@ -90,7 +91,7 @@ class ContactWindow(PushingWindow):
         """Take the terms and own measurements that arrive with the last step, and solve."""
         self._join(arrived, own, step.times[-1])
         self._begin_turns(step)
-        self._solve(np.ones(len(self.rows), np.bool_))
+        self._solve(np.full(len(self.rows), RECENT))
 
     def _begin_turns(self, step: Step) -> None:
         """Let the first turn of a contact determine the offset of its turns.
@@ -156,9 +157,9 @@ class ContactWindow(PushingWindow):
         back = -slide_of_step * np.arange(1.0, last - first + 1)[:, None]
         disturbed["g"] = self._moved_along(disturbed, back)
         self._steps[first:, rows] = disturbed
-        changing = np.zeros(len(self.rows), np.bool_)
-        changing[rows] = True
-        self._solve(changing)
+        recent = np.zeros(len(self.rows), np.int64)
+        recent[rows] = self._count  # all, as costs from before these changes would not count rightly
+        self._solve(recent)
 
     def _moved_along(self, steps: NDArray[np.void], lengths: Array) -> Array:
         """Return the sensor poses g (N, K, 3) of some steps moved along the outline by lengths (N, K) [m].
