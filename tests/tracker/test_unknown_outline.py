@@ -75,6 +75,16 @@ def test_the_first_contact_makes_the_object_frame():
     assert before.status == "uncertain" and before.covariance[0, 0] > 0.5
 
 
+def test_the_first_contact_may_be_far_from_the_origin_of_the_world(caplog):
+    """Without a first pose there is no distance from it that could be in another unit."""
+    far = np.array((20.0, -50.0, 0.0))
+    seen = [replace(frame, sensor_pose=frame.sensor_pose + far) for frame in touches(sides=2)]
+    estimates = tracked(Unknown((0.06, 0.1)), seen)
+    assert not caplog.records and np.hypot(*(estimates[-1].pose - far)[:2]) < 0.05
+    tracked(Unknown(), seen, FIRST)
+    assert "millimetres" in caplog.records[0].message
+
+
 def pushed(lever: float, frames: int = 40) -> list[Frame]:
     """Frames of a tip that pushes a disc along x, from its left side and a lever [m] beside its middle."""
     radius = DIGIT.radius
