@@ -685,7 +685,12 @@ TABLES: dict[str, Table] = {
         },
         of_json(
             "docs/study/outline_pads.json",
-            {"default": "the default ones, 50 to 200 mm", "near": "30 to 100 mm"},
+            {
+                "mean_default": "50 to 200 mm, by default; origin half the mean size behind the contact",
+                "mean_near": "30 to 100 mm; the same",
+                "default": "50 to 200 mm; half the least size",
+                "near": "30 to 100 mm; the same, as it is",
+            },
             "sizes",
         ),
     ),
