@@ -655,6 +655,60 @@ TABLES: dict[str, Table] = {
             "by_outline",
         ),
     ),
+    "outline-images": Table(
+        {
+            "sensor": "{name}",
+            "count": "{recordings}",
+            "known outline": "{known[rms_mm_median]:.1f} mm, {known[rms_deg_median]:.1f}° ({known[in_95]:.0%})",
+            "unknown outline": "{unknown[rms_mm_median]:.1f} mm, {unknown[rms_deg_median]:.1f}° ({unknown[in_95]:.0%})",
+            "touched points": "{unknown[touched_rms_mm_median]:.1f} mm",
+            "in the band": "{unknown[touched_in_95]:.0%}",
+            "all points in it": "{unknown[all_in_95]:.0%}",
+        },
+        of_json(
+            "docs/study/unknown_images.json",
+            {"DIGIT": "DIGIT", "GelSight Mini": "GelSight Mini, a flat pad"},
+            "together",
+        ),
+    ),
+    "outline-pads": Table(
+        {
+            "touch": "{name}",
+            "explorations": "{recordings}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "in 95 %": "{in_95:.0%}",
+        },
+        of_json(
+            "docs/study/outline_pads.json",
+            {
+                "none": "flat pad, contact alone",
+                "places_normal": "places, touched along the normal where they are on the flat",
+                "places": "places, corners and sides that lean",
+                "near": "the same with directions, the curve not farther outside",
+                "both": "the same, farther outside by 20 mm",
+                "round_single": "round tip, variances as of one frame",
+                "round": "round tip, variances of all frames since the last observation",
+            },
+            "pads",
+        ),
+    ),
+    "outline-sizes": Table(
+        {
+            "sizes that are stated": "{name}",
+            "files": "{recordings}",
+            "the band holds": "{least:.0%} to {largest:.0%}",
+        },
+        of_json(
+            "docs/study/outline_pads.json",
+            {
+                "mean_default": "50 to 200 mm, by default; origin half the mean size behind the contact",
+                "mean_near": "30 to 100 mm; the same",
+                "default": "50 to 200 mm; half the least size",
+                "near": "30 to 100 mm; the same, as it is",
+            },
+            "sizes",
+        ),
+    ),
     "outline-study-bands": Table(
         {
             "recordings": "{name}",

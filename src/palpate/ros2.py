@@ -15,11 +15,13 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from palpate.cli.console import complain
+from palpate.cli.learnt_outline import unknown_in_words
 from palpate.cli.options import hand_in_words
 from palpate.config import TrackerSettings
 from palpate.errors import FrameError, PalpateError, SettingError, one_line
+from palpate.geometry.shapes import Shape
 from palpate.io import ros_messages as ros
-from palpate.io.estimates import DIAGNOSTICS, POSES, POSES_WITH_COVARIANCE, estimate_messages
+from palpate.io.estimates import DIAGNOSTICS, OUTLINES, POSES, POSES_WITH_COVARIANCE, estimate_messages
 from palpate.io.outlines import load_shape
 from palpate.live.session import LiveSession, stop_on_signals
 from palpate.live.sources import ImageSource, Sources, TimedPose, TouchImage, checked_pose, together
@@ -30,6 +32,7 @@ from palpate.types.choices import DEFAULT_SENSOR, Placement
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, by_finger
 from palpate.types.images import AS_IT_IS, camera_view, decode_image
+from palpate.types.outline import Sketch, Unknown
 from palpate.types.sensor import SensorProfile
 from palpate.types.sensor_file import known_sensor
 from palpate.types.space import GelPoses
@@ -42,6 +45,7 @@ TOPICS = {
     POSES: ros.POSE,
     POSES_WITH_COVARIANCE: ros.POSE_WITH_COVARIANCE,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+    **dict.fromkeys(OUTLINES, ros.POLYGON),
 }
 """Topics that the node publishes, with their types."""
 
@@ -57,8 +61,10 @@ Topics to remap
   sensor_pose  poses of the sensor, or of the hand: PoseStamped and others
 
 Parameters
-  shape             the object: a name, the sides of a rectangle such as 0.09x0.06 [m], or a file; needed
-  first_pose        its pose at the start, [x, y, theta] in m, m, rad; needed
+  shape             the object: a name, the sides of a rectangle such as 0.09x0.06 [m], a file, or unknown, or
+                    unknown:50mm-200mm with its least and largest width; needed
+  outline_sigma     standard deviation of the true outline across the shape, a sketch [m]; it is as drawn if not given
+  first_pose        its pose at the start, [x, y, theta] in m, m, rad; needed unless the shape is unknown
   first_pose_sigma  its standard deviations
   sensor            its name, or a profile of palpate calibrate --new-sensor, my_sensor.toml; digit if not given
   mounts            of a hand, where each finger is in its frame, as 'left=0,20mm,0 right=0,-20mm,0'; sensor and
@@ -72,7 +78,8 @@ Parameters
   plane             normal of the plane of the push, [x, y, z]
 
 Topics that it publishes, below its own name
-  object_pose, object_pose_with_covariance, diagnostics
+  object_pose, object_pose_with_covariance, diagnostics; of an outline that is learnt outline, outline_inner and
+  outline_outer, the edges of its 95 % band
 """
 
 
@@ -92,9 +99,10 @@ def main(arguments: Sequence[str]) -> int:
 
 def run(node: Any, stop: threading.Event) -> None:
     """Track until the event is set. Raises PalpateError if parameters, topics or images are unusable."""
-    shape = _parameter(node, "shape")
+    words = _parameter(node, "shape")
     first_pose = _parameter(node, "first_pose")
-    if shape is None or first_pose is None:
+    outline = None if words is None else _outline(str(words), _parameter(node, "outline_sigma"))
+    if outline is None or (first_pose is None and not isinstance(outline, Unknown)):
         raise SettingError(
             "the object is not known: the parameters shape and first_pose say it, "
             "-p shape:=rectangle -p first_pose:='[0.1, 0.0, 0.3]'"
@@ -102,7 +110,6 @@ def run(node: Any, stop: threading.Event) -> None:
     sigma = _parameter(node, "first_pose_sigma")
     settings = TrackerSettings(_parameter(node, "tactile") or "learnt")
     calibration = _calibration(_parameter(node, "calibration"))
-    outline = load_shape(str(shape))
     sensor = _sensor(str(_parameter(node, "sensor") or DEFAULT_SENSOR), _parameter(node, "mounts"))
     given_model = _parameter(node, "model")
     model = None if given_model is None else TouchModel(str(given_model))
@@ -119,6 +126,17 @@ def run(node: Any, stop: threading.Event) -> None:
     session = LiveSession(tracker, sources, node.get_logger().info)
     session.run(stop, partial(topics.publish, session.counts))
     session.say(", ".join(f"{count} {name.replace('_', ' ')}" for name, count in session.counts.items()))
+
+
+def _outline(words: str, sigma: float | None) -> Shape | Unknown | Sketch:
+    """Return an outline that is known, or one that touch learns: unknown, or a sketch by its standard deviation [m]."""
+    unknown = unknown_in_words(words)
+    if unknown is None:
+        shape = load_shape(words)
+        return shape if sigma is None else Sketch(shape, sigma)
+    if sigma is not None:
+        raise SettingError(f"outline_sigma is of a sketch; found shape {words}, allowed is a name or a file")
+    return unknown
 
 
 def _sensor(words: str, mounts: str | None) -> SensorProfile | Hand:

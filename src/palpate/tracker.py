@@ -87,6 +87,7 @@ class Tracker:
             units = units_of(hand, model, calibration, touch)
             warm_up(compiled_model_of(len(hand.fingers)))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
+        self._makes_frame = isinstance(shape, Unknown)
         self._filter = self._sensors.estimator(self._first)
         self._sensors.begin(self._first.pose, self._first.covariance)
 
@@ -124,7 +125,7 @@ class Tracker:
         with self._lock:  # of two threads one waits
             checked = sensors.check(frame, measurements, self._filter)
             if checked.is_first:
-                self._first.warn_if_far_from(checked.frame.sensor_pose)
+                self._first.warn_if_far_from(checked.frame.sensor_pose, self._makes_frame)
             if checked.ends_contact:
                 self._filter.end_contact(checked.unobserved_push)
             measured = sensors.measure(checked)

@@ -35,13 +35,17 @@ class FirstPose:
     covariance: Array
     """(3, 3), tangent space at the pose (right, body frame), order x, y, theta."""
 
-    def warn_if_far_from(self, sensor_pose: Array) -> None:
-        """Warn if the sensor is far from it at the first frame, or if the sensor's yaw is in degrees."""
+    def warn_if_far_from(self, sensor_pose: Array, makes_frame: bool) -> None:
+        """Warn if the sensor is far from it at the first frame, or if the sensor's yaw is in degrees.
+
+        `makes_frame` says that the first contact makes the object frame, wherever it is, if this pose is unknown.
+        """
         if abs(sensor_pose[2]) > TURNS:
             logger.warning("sensor pose has theta %.4g rad: are these degrees?", sensor_pose[2])
         distance = float(np.hypot(*(sensor_pose - self.pose)[:2]))
         deviation = float(np.sqrt(np.diagonal(self.covariance)[:2].max()))
-        if distance > SPAN + UNLIKELY * deviation:
+        is_anywhere = makes_frame and deviation >= ANYWHERE_SIGMA[0]
+        if distance > SPAN + UNLIKELY * deviation and not is_anywhere:
             logger.warning("first pose is %.3g m from the sensor: is one of both in millimetres?", distance)
 
 

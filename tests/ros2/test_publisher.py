@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate import Estimate, FrameError, SettingError, ros2
+from palpate import Estimate, FrameError, Outline, SettingError, ros2
 from palpate.io.ros_messages import POSE, POSE_TYPES, ros_types
 from palpate.live.sources import TimedPose, TouchImage
 from palpate.types.estimate import Answer
@@ -26,6 +26,9 @@ class FakeNode:
 
     def declare_parameter(self, name: str, default: Any, descriptor: Any) -> Any:
         return SimpleNamespace(value=self.parameters.get(name))
+
+    def get_logger(self) -> Any:
+        return SimpleNamespace(info=lambda _: None)
 
     def get_clock(self) -> Any:
         return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=10**9))
@@ -112,6 +115,47 @@ def test_estimates_are_published():
     words = [{each.key: each.value for each in one.status[0].values} for one in diagnoses]
     assert [(one["left out"], one["contact"]) for one in words] == [("3", "true")] * 2
     assert [one["reason"] for one in words] == ["2 poses fit", ""]
+
+
+def test_a_learnt_outline_is_published_where_the_object_is():
+    node = FakeNode([message(0.25)])
+    topics = ros2.Topics(node)
+    heard(topics, 1)
+    angle = np.arange(8) * (np.pi / 4)
+    outline = Outline(0.05 * np.column_stack((np.cos(angle), np.sin(angle))), np.full(8, 2e-3), np.ones(8, bool))
+    answers = (Answer(POSES[1], COVARIANCE, 1.0),)
+    topics.publish({}, Estimate(0.5, POSES[1], COVARIANCE, True, "uncertain", "", answers, outline=outline))
+    radii = []
+    for name in ("outline_inner", "outline", "outline_outer"):
+        (polygon,) = node.published[f"~/{name}"]
+        assert polygon.header == node.published["~/object_pose"][0].header
+        points = np.array([(point.x, point.y, point.z) for point in polygon.polygon.points])
+        assert np.allclose(points[:, 2], 0.25)
+        away = points[:, :2] - POSES[1][:2]
+        assert np.allclose(np.arctan2(away[0, 1], away[0, 0]), POSES[1][2])
+        radii.append(np.hypot(*away.T).mean())
+    assert radii[0] < radii[1] == pytest.approx(0.05) and radii[1] < radii[2]
+
+
+def test_an_outline_that_is_not_known_needs_no_first_pose_and_a_sketch_does():
+    ended = threading.Event()
+    ended.set()
+    ros2.run(SilentNode([], shape="unknown:50mm-200mm", tactile="none"), ended)
+    ros2.run(SilentNode([], shape="disc", outline_sigma=0.005, first_pose=[0.1, 0.0, 0.3]), ended)
+    for given, expected in (
+        ({"shape": "disc", "outline_sigma": 0.005}, "shape and first_pose"),
+        ({"shape": "unknown:big"}, "unknown:big"),
+        ({"shape": "unknown", "outline_sigma": 0.005}, "outline_sigma is of a sketch"),
+    ):
+        with pytest.raises(SettingError, match=expected):
+            ros2.run(FakeNode([], **given), ended)
+
+
+class SilentNode(FakeNode):
+    """A node whose topics nobody publishes."""
+
+    def get_publishers_info_by_topic(self, topic: str) -> list[Any]:
+        return []
 
 
 class RemappedNode(FakeNode):

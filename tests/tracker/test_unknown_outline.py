@@ -68,12 +68,22 @@ def test_the_outline_has_points_around_the_origin_with_a_band_that_narrows_where
 
 
 def test_the_first_contact_makes_the_object_frame():
-    """Without a first pose the origin is half the mean size behind the contact, along its direction."""
+    """Without a first pose the origin is half the least size behind the contact, along its direction."""
     (estimate, *_) = tracked(Unknown((0.06, 0.1)), touches(frames=1, sides=1))
-    assert np.allclose(estimate.pose[:2], (RADIUS - 3e-4 - 0.04, 0.0), atol=2e-3)
+    assert np.allclose(estimate.pose[:2], (RADIUS - 3e-4 - 0.03, 0.0), atol=2e-3)
     assert abs(np.sin(estimate.pose[2])) < 0.05 and np.cos(estimate.pose[2]) < 0.0
     before = tracked(Unknown(), [Frame(0.0, np.array((0.3, 0.0, 0.0)), contact=False)])[0]
     assert before.status == "uncertain" and before.covariance[0, 0] > 0.5
+
+
+def test_the_first_contact_may_be_far_from_the_origin_of_the_world(caplog):
+    """Without a first pose there is no distance from it that could be in another unit."""
+    far = np.array((20.0, -50.0, 0.0))
+    seen = [replace(frame, sensor_pose=frame.sensor_pose + far) for frame in touches(sides=2)]
+    estimates = tracked(Unknown((0.06, 0.1)), seen)
+    assert not caplog.records and np.hypot(*(estimates[-1].pose - far)[:2]) < 0.05
+    tracked(Unknown(), seen, FIRST)
+    assert "millimetres" in caplog.records[0].message
 
 
 def pushed(lever: float, frames: int = 40) -> list[Frame]:
@@ -295,9 +305,10 @@ def test_what_an_outline_that_is_learnt_cannot_have_is_refused():
 
 
 def test_an_outline_can_be_the_sketch_of_the_next_tracker():
-    outline = outline_of(tracked(Unknown((0.05, 0.2)))[-1])
+    estimates = tracked(Unknown((0.05, 0.2)))
+    outline = outline_of(estimates[-1])
     sketch = Sketch(outline.shape, min(outline.sigma, 0.01))
-    estimate = tracked(sketch, first=np.zeros(3))[0]
+    estimate = tracked(sketch, first=estimates[0].pose)[0]
     assert np.abs(outline_of(estimate).signed_distance(outline.points)).max() < sketch.sigma
 
 

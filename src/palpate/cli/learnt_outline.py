@@ -28,25 +28,27 @@ class LearntOutline:
     def of(self, bag: Bag) -> "palpate.Unknown | palpate.Sketch | None":
         """Return the outline that is to be learnt; None for a known one. Raises SettingError."""
         words = bag.shape or ""
-        is_unknown = words.lower().partition(":")[0] == _WORD
-        if is_unknown and (bag.shape_unit or bag.shape_layer):
+        unknown = unknown_in_words(words)
+        if unknown and (bag.shape_unit or bag.shape_layer):
             raise SettingError(f"--shape-unit and --shape-layer are of a drawing; found --shape {words}")
         if self.outline_sigma is None:
-            return _unknown(words) if is_unknown else None
-        if is_unknown or not words:
+            return unknown
+        if unknown or not words:
             found = f"--shape {words}" if words else "no --shape"
             raise SettingError(f"--outline-sigma is of a sketch; found {found}, allowed is --shape FILE")
         return palpate.Sketch(palpate.load_shape(words, bag.shape_unit, bag.shape_layer), self.outline_sigma)
 
 
-def _unknown(words: str) -> "palpate.Unknown":
-    """Return the outline that is meant by `unknown` or `unknown:50mm-200mm`."""
-    _, colon, sizes = words.partition(":")
+def unknown_in_words(words: str) -> "palpate.Unknown | None":
+    """Return the outline that is meant by `unknown` or `unknown:50mm-200mm`; None for words of another."""
+    first, colon, sizes = words.partition(":")
+    if first.lower() != _WORD:
+        return None
     if not colon:
         return palpate.Unknown()
     match = re.fullmatch(r"([^-]+)-([^-]+)", sizes)
     if match is None:
-        raise SettingError(f"--shape {words}: allowed is unknown or unknown:LEAST-LARGEST, as unknown:50mm-200mm")
+        raise SettingError(f"shape {words}: allowed is unknown or unknown:LEAST-LARGEST, as unknown:50mm-200mm")
     least, largest = (quantity(word, LENGTH) for word in match.groups())
     return palpate.Unknown((least, largest))
 

@@ -1,6 +1,6 @@
 """An explorer as a tracker uses it: with the object frame that the first contact makes, and the expected distance.
 
-Without a drawing and a first pose, the origin of the object frame is half the mean size behind the first contact, and
+Without a drawing and a first pose, the origin of the object frame is half the least size behind the first contact, and
 its x axis along the direction of that contact.
 """
 
@@ -101,7 +101,7 @@ class Exploration:
         angle = first.direction or 0.0
         part = self._sensor.center + np.array((0.0, first.along))
         contact = np.array((*(part + self._sensor.radius * _unit(angle)), angle))
-        origin = np.array((0.5 * self._given.mean_width, 0.0, 0.0))
+        origin = np.array((0.5 * self._given.size[0], 0.0, 0.0))
         pose = se2.compose(se2.compose(frame.sensor_pose, contact), origin)
         known = np.diag(np.square((1e-4, 1e-4, 1e-4)))  # by its definition
         self._explorer.begin_behind_contact(pose, known)

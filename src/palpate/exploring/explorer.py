@@ -103,7 +103,7 @@ class Explorer:
         self._begin(rows_about_origin(self._given, pose, covariance, self._settings.noise.priors, self._reach))
 
     def begin_behind_contact(self, pose: Array, covariance: Array) -> None:
-        """Begin with a pose that a contact has made, half the mean width behind it along x."""
+        """Begin with a pose that a contact has made, half the least width behind it along x."""
         assert isinstance(self._given, Unknown)
         self._begin(rows_behind_contact(self._given, pose, covariance, self._settings.noise.priors, self._reach))
 

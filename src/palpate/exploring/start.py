@@ -83,12 +83,12 @@ def rows_about_origin(given: Unknown | Sketch, pose: Array, covariance: Array, p
 
 
 def rows_behind_contact(given: Unknown, pose: Array, covariance: Array, priors: Priors, tip: float) -> Rows:
-    """Return the rows of an object whose frame a contact has made, half the mean width behind it along x."""
+    """Return the rows of an object whose frame a contact has made, half the least width behind it along x."""
     generator = np.random.default_rng(_SETTINGS.seed)
     radius = _radii(given, generator)
     distance = radius * np.exp(generator.normal(0.0, _SETTINGS.behind, len(radius)))
     beside = radius * generator.normal(0.0, _SETTINGS.beside, len(radius))
-    center = distance - 0.5 * given.mean_width + 1j * beside
+    center = distance - 0.5 * given.size[0] + 1j * beside
     return _rows(_unknown_forms(radius, center, tip), pose, covariance, priors, generator)
 
 

@@ -91,7 +91,7 @@ def _outline_messages(plane: Plane, header: Any, pose: Array, outline: Outline) 
         places = np.column_stack((in_plane, np.full(len(line), plane.height))) @ plane.axes.T
         points = [ros.message("geometry_msgs/msg/Point32", x=x, y=y, z=z) for x, y, z in places.tolist()]
         polygon = ros.message("geometry_msgs/msg/Polygon", points=points)
-        messages[topic] = ros.message("geometry_msgs/msg/PolygonStamped", header=header, polygon=polygon)
+        messages[topic] = ros.message(ros.POLYGON, header=header, polygon=polygon)
     return messages
 
 

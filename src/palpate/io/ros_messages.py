@@ -20,6 +20,7 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+POLYGON = "geometry_msgs/msg/PolygonStamped"
 BOOL = "std_msgs/msg/Bool"
 
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, "foxglove.RawImage", "foxglove.CompressedImage")
