@@ -71,6 +71,7 @@ OUTLINE_POSES = {
         f"{name} outline": f"{{{key}[rms_mm_median]:.1f}} mm, {{{key}[rms_deg_median]:.1f}}° ({{{key}[in_95]:.0%}})"
         for key, name in (("known", "known"), ("unknown", "unknown"))
     },
+    "Gaussian process": "{baseline[rms_mm_median]:.1f} mm, {baseline[rms_deg_median]:.1f}° ({baseline[in_95]:.0%})",
     "sketch": "{sketch[rms_mm_median]:.1f} mm, {sketch[rms_deg_median]:.1f}° ({sketch[in_95]:.0%})",
 }
 """Errors of poses with an outline that is known, unknown or a sketch."""
@@ -633,11 +634,37 @@ TABLES: dict[str, Table] = {
             "base",
         ),
     ),
+    "outline-shoves": Table(
+        {
+            "a known place that is met elsewhere is": "{name}",
+            "explorations": "{explorations}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "in 95 %": "{in_95:.0%}",
+            "in the band": "{band:.0%}",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "unknown_form": "a form that nobody knew; unknown, shoved",
+                "unknown_shove": "a shove; unknown, shoved",
+                "sketch_form": "a form; sketch, shoved",
+                "sketch_shove": "a shove; sketch, shoved",
+                "unknown_base_form": "a form; unknown, nothing shoves",
+                "unknown_base_shove": "a shove; unknown, nothing shoves",
+            },
+            "shoves",
+        ),
+    ),
     "outline-study": Table(
         OUTLINE_POSES,
         of_json(
             "docs/study/unknown_outline.json",
-            {"simulated": "simulated", "MIT": "MIT, real motion", "CMU": "CMU, real motion"},
+            {
+                "simulated": "simulated",
+                "shoved": "simulated, shoved by something else",
+                "MIT": "MIT, real motion",
+                "CMU": "CMU, real motion",
+            },
             "together",
         ),
     ),
@@ -715,13 +742,36 @@ TABLES: dict[str, Table] = {
             "touched points": "{unknown[touched_rms_mm_median]:.1f} mm",
             "in the band": "{unknown[touched_in_95]:.0%}",
             "all points in it": "{unknown[all_in_95]:.0%}",
+            "Gaussian process, touched points": "{baseline[touched_rms_mm_median]:.1f} mm",
+            "Gaussian process, in the band": "{baseline[touched_in_95]:.0%}",
+            "Gaussian process, all points": "{baseline[all_in_95]:.0%}",
             "sketch, touched points": "{sketch[touched_rms_mm_median]:.1f} mm",
             "sketch, in the band": "{sketch[touched_in_95]:.0%}",
             "sketch, all points": "{sketch[all_in_95]:.0%}",
         },
         of_json(
             "docs/study/unknown_outline.json",
-            {"simulated": "simulated", "MIT": "MIT, real motion", "CMU": "CMU, real motion"},
+            {
+                "simulated": "simulated",
+                "shoved": "simulated, shoved by something else",
+                "MIT": "MIT, real motion",
+                "CMU": "CMU, real motion",
+            },
+            "together",
+        ),
+    ),
+    "outline-study-clicked": Table(
+        {
+            "outline": "{name}",
+            "touched points": "{touched_rms_mm_median:.1f} mm",
+            "in the band": "{touched_in_95:.0%}",
+            "all points": "{all_rms_mm_median:.1f} mm",
+            "all points in it": "{all_in_95:.0%}",
+        },
+        of_json(
+            "docs/study/unknown_outline.json",
+            {"unknown": "palpate", "baseline": "Gaussian process"},
+            "clicked",
             "together",
         ),
     ),
