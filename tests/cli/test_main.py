@@ -125,9 +125,10 @@ def test_a_folder_that_was_removed_is_named(fails, monkeypatch):
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_a_disk_that_is_full_is_named_by_the_version_too(unbuffered):
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["track", "--help"], ["help", "info"]], ids=" ".join)
+def test_a_disk_that_is_full_is_named_by_version_and_help_too(unbuffered, words):
     """Python flushes a buffered output once more at the end, and would exit with 120."""
-    words = [sys.executable, "-m", "palpate", "--version"]
+    words = [sys.executable, "-m", "palpate", *words]
     surroundings = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, env=surroundings)

@@ -145,7 +145,11 @@ def _run(command: Command, words: Sequence[str]) -> Report | int:
     description = f"{inspect.cleandoc(command.__doc__ or '').partition('Args:')[0]}{FOR_ALL}"
     prog = f"palpate {words[0]}"
     args = _files_together(words[1:]) if command is convert else words[1:]
-    return tyro.cli(command, prog=prog, description=description, args=args, config=_CONFIG, registry=REGISTRY)
+    try:
+        return tyro.cli(command, prog=prog, description=description, args=args, config=_CONFIG, registry=REGISTRY)
+    except SystemExit:  # help is shown; a full disk is named now, as at the end it changes the exit code
+        sys.stdout.flush()
+        raise
 
 
 def _files_together(words: Sequence[str]) -> Sequence[str]:
