@@ -1,6 +1,7 @@
 """The figure of a run: the push from above, and errors over time, in mm and degrees."""
 
 import logging
+import math
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -92,7 +93,8 @@ def run_figure(run: Run, at_end: bool = True) -> "Figure":
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles[label] = handle
     narrow: Any = {"columnspacing": 1.2, "handletextpad": 0.5}  # so that it is not cut if every status is named
-    figure.legend(handles.values(), handles, loc="lower center", ncols=8, frameon=False, fontsize=9, **narrow)
+    columns = math.ceil(len(handles) / math.ceil(len(handles) / 8))  # rows of equal length
+    figure.legend(handles.values(), handles, loc="lower center", ncols=columns, frameon=False, fontsize=9, **narrow)
     return figure
 
 
