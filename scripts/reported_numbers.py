@@ -634,6 +634,20 @@ TABLES: dict[str, Table] = {
             "base",
         ),
     ),
+    "outline-small-tips": Table(
+        {
+            "a tip of 5 mm, the curve is": "{name}",
+            "explorations": "{explorations}",
+            "unknown outline, median, mean": "{mm:.1f} mm, {mean_mm:.1f} mm",
+            "in 95 %": "{in_95:.0%}",
+            "sketch": "{sketch_mm:.1f} mm ({sketch_in_95:.0%})",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {"own": "that of its centre", "cm2": "2 cm outside of the outline"},
+            "small_tips",
+        ),
+    ),
     "outline-shoves": Table(
         {
             "a known place that is met elsewhere is": "{name}",

@@ -36,9 +36,9 @@ class _Settings:
     """Motion of the contact between two observations [m]; without, nothing new is seen."""
     smoothing: float = 0.1
     """Time over which directions are smoothed for the motion [s]."""
-    farther: float = 0.02
-    """Distance by which the curve of a flat pad lies farther outside than the centres of its round ends [m], so that
-    corners become arcs that harmonics can draw."""
+    reach: float = 0.02
+    """Least distance of the curve from the outline [m], so that corners become arcs that harmonics can draw; the centre
+    of a smaller tip, or of a flat pad's round end, is nearer."""
     points: int = 128
     """Number of points of the outline."""
     shown: int = 20
@@ -94,8 +94,8 @@ class Explorer:
         # That the curve is a sensor's radius from the outline is as wrong for all its points.
         self._reach_variance = max(calibration[:2]) ** 2 + settings.noise.priors.depth[1] ** 2
         self._sunk = sensor.radius - settings.noise.priors.depth[0]  # distance of a contact from the centre of its part
-        self._farther = _SETTINGS.farther if sensor.flat_width else 0.0
-        self._reach = self._sunk + self._farther
+        self._reach = max(self._sunk, _SETTINGS.reach)
+        self._farther = self._reach - self._sunk  # of the curve than the centre of the touched part
         self._angles: Array = np.arange(_SETTINGS.points) * np.float64(2.0 * np.pi / _SETTINGS.points)
 
     def begin(self, pose: Array, covariance: Array) -> None:
