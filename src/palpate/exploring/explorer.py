@@ -151,21 +151,27 @@ class Explorer:
         normal = np.exp(1j * (frame.sensor_pose[2] + contact.direction))
         point = self._middle(frame.sensor_pose, contact.along) + self._sunk * normal
         if frame.time - contact.observed_at >= _SETTINGS.interval and contact.way >= _SETTINGS.way:
-            seen = contact.direction if now.direction is None else now.direction
-            inward = np.exp(1j * (frame.sensor_pose[2] + seen))
-            deviation = math.hypot(now.deviation, now.along_deviation / self._reach)  # a corner turns it by as much
-            for tip in se2.transform(frame.sensor_pose, self._parts(now.along)):
-                center = complex(tip[0], tip[1]) - self._farther * inward
-                is_shoved = observe(self._rows, center, frame.sensor_pose[2] + seen, deviation)
-                self._mark_touched(center + self._reach * normal)
-                if is_shoved and not contact.is_shoved:
-                    contact.is_shoved = True
-                    self._contacts = replace(self._contacts, shoved=self._contacts.shoved + 1)
-            contact.observed_at = frame.time
-            contact.way = 0.0
-            contact.measured = 0
-            self._see_outline()
+            self._observe(frame, contact, now)
         return _vector(point), -_vector(normal)
+
+    def _observe(self, frame: Frame, contact: _Contact, felt_now: Felt) -> None:
+        """Take a contact as a place and a direction of the curve, once for each tip."""
+        seen = contact.direction if felt_now.direction is None else felt_now.direction
+        direction = frame.sensor_pose[2] + seen
+        inward = np.exp(1j * direction)
+        of_place = felt_now.along_deviation / self._reach  # a corner turns the direction by as much
+        deviation = math.hypot(felt_now.deviation, of_place)
+        for tip in se2.transform(frame.sensor_pose, self._parts(felt_now.along)):
+            center = complex(tip[0], tip[1]) - self._farther * inward
+            is_shoved = observe(self._rows, center, direction, deviation)
+            self._mark_touched(center + self._reach * inward)
+            if is_shoved and not contact.is_shoved:
+                contact.is_shoved = True
+                self._contacts = replace(self._contacts, shoved=self._contacts.shoved + 1)
+        contact.observed_at = frame.time
+        contact.way = 0.0
+        contact.measured = 0
+        self._see_outline()
 
     def _pushed(self, last: _Contact, frame: Frame, felt_now: Felt) -> _Contact:
         """Move the object with the sensor since the last frame; return the contact now."""
