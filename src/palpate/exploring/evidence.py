@@ -61,8 +61,6 @@ def form_evidence(
 
     `has_directions` says that touch measured directions or turns so far.
     """
-    often = max(_SETTINGS.often * contacts.count, 1.0)
-    shoved_share = contacts.shoved / contacts.count if contacts.shoved > often else 0.0
     touched = outline.deviation[outline.touched]
     deviation = float(np.sqrt(np.mean(np.square(touched)))) if len(touched) else 0.0
     if isinstance(given, Sketch):
@@ -72,7 +70,7 @@ def form_evidence(
             is_beyond_tolerance=False,
             has_directions=True,
             from_sketch=_beyond_sketch(contacts, given),
-            shoved_share=shoved_share,
+            shoved_share=_often_shoved(contacts),
         )
     return FormEvidence(
         untouched_share=_widest_gap(outline),
@@ -80,8 +78,13 @@ def form_evidence(
         is_beyond_tolerance=2.0 * deviation > tolerance,
         has_directions=has_directions,
         exceeding_width=_beyond_size(contacts, given),
-        shoved_share=shoved_share,
     )
+
+
+def _often_shoved(contacts: Contacts) -> float:
+    """Return the share of contacts in which something else seems to have moved the object, if it is large; else 0."""
+    often = max(_SETTINGS.often * contacts.count, 1.0)
+    return contacts.shoved / contacts.count if contacts.shoved > often else 0.0
 
 
 def _widest_gap(outline: Outline) -> float:

@@ -59,7 +59,7 @@ def observe(rows: Rows, tip: complex, direction: float, deviation: float) -> boo
     of_radius = np.square(_SETTINGS.distance / seen.radius) / steepness  # the distance is across the curve
     noise = np.column_stack((of_radius, np.full(len(off), deviation**2)))
     every = np.arange(len(off))
-    is_shoved = _allow_for_shove(rows, innovation, by, noise)
+    is_shoved = rows.is_sketched and _allow_for_shove(rows, innovation, by, noise)
     rows.log_likelihood += _correct(rows, every, innovation, by, noise)
     straight = np.flatnonzero(rows.is_straight)
     if len(straight):

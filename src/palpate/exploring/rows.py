@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from palpate.arrays import Array, Complex, Flags
-from palpate.exploring.curve import COEFFICIENTS, BaseCurve
+from palpate.exploring.curve import COEFFICIENTS, UNIT_CIRCLE, BaseCurve
 
 CENTER = slice(0, 2)
 """Centre of friction, world frame [m]."""
@@ -55,6 +55,11 @@ class Rows:
     """True for rows that expect straight sides, (B,)."""
     log_likelihood: Array
     """(B,)."""
+
+    @property
+    def is_sketched(self) -> bool:
+        """True if the curves are about that of a sketch."""
+        return self.base is not UNIT_CIRCLE
 
     @property
     def center(self) -> Complex:
