@@ -197,7 +197,8 @@ def _contradicting_form(form: FormEvidence) -> str:
     if form.from_sketch > 0.0:
         return f"what was touched is up to {1e3 * form.from_sketch:.0f} mm from the sketch, more than its sigma allows"
     if form.shoved_share > 0.0:
-        return f"something else seems to have moved the object in {form.shoved_share:.0%} of contacts; the sketch may be off"
+        share = f"{form.shoved_share:.0%}"
+        return f"something else seems to have moved the object in {share} of contacts; the sketch may be off"
     return ""
 
 
