@@ -648,6 +648,25 @@ TABLES: dict[str, Table] = {
             "small_tips",
         ),
     ),
+    "outline-sixty": Table(
+        {
+            "unknown outline": "{name}",
+            "explorations": "{explorations}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "in 95 %": "{in_95:.0%}",
+            "in the band": "{band:.0%}",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "before": "before these changes",
+                "none": "with them",
+                "smooth": "the same, as rough as polygons",
+                "shoves": "with them, and shoves told of unknown outlines",
+            },
+            "sixty",
+        ),
+    ),
     "outline-shoves": Table(
         {
             "a known place that is met elsewhere is": "{name}",
