@@ -701,6 +701,21 @@ TABLES: dict[str, Table] = {
             "together",
         ),
     ),
+    "outline-before": Table(
+        {
+            "outline": "{name}",
+            "pose error before, now": "{rms_mm[before]:.1f}, {rms_mm[now]:.1f} mm",
+            "of each, paired": "{rms_mm[difference]:+.1f} ± {rms_mm[standard_error]:.1f} mm",
+            "yaw, paired": "{rms_deg[difference]:+.1f} ± {rms_deg[standard_error]:.1f}°",
+            "in 95 %, paired": "{in_95[difference]:+.1f} ± {in_95[standard_error]:.1f} %",
+            "in the band, paired": "{all_in_95[difference]:+.1f} ± {all_in_95[standard_error]:.1f} %",
+        },
+        of_json(
+            "docs/study/unknown_outline_before.json",
+            {"simulated_unknown": "unknown", "simulated_sketch": "sketch"},
+            "runs",
+        ),
+    ),
     "outline-study-forms": Table(
         OUTLINE_POSES,
         of_json(
