@@ -75,6 +75,13 @@ OUTLINE_POSES = {
     "sketch": "{sketch[rms_mm_median]:.1f} mm, {sketch[rms_deg_median]:.1f}° ({sketch[in_95]:.0%})",
 }
 """Errors of poses with an outline that is known, unknown or a sketch."""
+OUTLINE_RECORDINGS = {
+    "simulated": "simulated",
+    "shoved": "simulated, shoved by something else",
+    "MIT": "MIT, real motion",
+    "CMU": "CMU, real motion",
+}
+"""Kinds of recordings that outlines were learnt from."""
 
 
 def loaded(path: str) -> Any:
@@ -662,14 +669,14 @@ TABLES: dict[str, Table] = {
                 "before": "before these changes",
                 "none": "with them",
                 "smooth": "the same, as rough as polygons",
-                "shoves": "with them, and shoves told of unknown outlines",
+                "shoves": "with them, and shoves looked for, too",
             },
             "sixty",
         ),
     ),
     "outline-shoves": Table(
         {
-            "a known place that is met elsewhere is": "{name}",
+            "a side that is met elsewhere counts as": "{name}",
             "explorations": "{explorations}",
             "pose error": "{mm:.1f} mm, {deg:.1f}°",
             "in 95 %": "{in_95:.0%}",
@@ -678,12 +685,12 @@ TABLES: dict[str, Table] = {
         of_json(
             "docs/study/outline_attempt.json",
             {
-                "unknown_form": "a form that nobody knew; unknown, shoved",
-                "unknown_shove": "a shove; unknown, shoved",
-                "sketch_form": "a form; sketch, shoved",
+                "unknown_form": "another form; unknown outline, shoved",
+                "unknown_shove": "a shove; unknown outline, shoved",
+                "sketch_form": "another form; sketch, shoved",
                 "sketch_shove": "a shove; sketch, shoved",
-                "unknown_base_form": "a form; unknown, nothing shoves",
-                "unknown_base_shove": "a shove; unknown, nothing shoves",
+                "unknown_base_form": "another form; unknown outline, nothing shoves",
+                "unknown_base_shove": "a shove; unknown outline, nothing shoves",
             },
             "shoves",
         ),
@@ -692,12 +699,7 @@ TABLES: dict[str, Table] = {
         OUTLINE_POSES,
         of_json(
             "docs/study/unknown_outline.json",
-            {
-                "simulated": "simulated",
-                "shoved": "simulated, shoved by something else",
-                "MIT": "MIT, real motion",
-                "CMU": "CMU, real motion",
-            },
+            OUTLINE_RECORDINGS,
             "together",
         ),
     ),
@@ -799,12 +801,7 @@ TABLES: dict[str, Table] = {
         },
         of_json(
             "docs/study/unknown_outline.json",
-            {
-                "simulated": "simulated",
-                "shoved": "simulated, shoved by something else",
-                "MIT": "MIT, real motion",
-                "CMU": "CMU, real motion",
-            },
+            OUTLINE_RECORDINGS,
             "together",
         ),
     ),

@@ -25,7 +25,7 @@ EVERY: "list[Compiled]" = []
 def kernel(function: F, are_disjoint: bool = False, **options: Any) -> F:
     """Return a function for use in compiled ones, with options of Numba.
 
-    Where arrays among its arguments `are_disjoint`, do not overlap in memory, loops over them become vector code.
+    If its arrays `are_disjoint`, so that none overlaps another in memory, loops over them become vector code.
     """
     return cast("F", Kernel(function, are_disjoint, options))
 
