@@ -714,7 +714,11 @@ TABLES: dict[str, Table] = {
         },
         of_json(
             "docs/study/unknown_outline_before.json",
-            {"simulated_unknown": "unknown", "simulated_sketch": "sketch"},
+            {
+                "simulated_unknown": "unknown",
+                "simulated_sketch": "sketch",
+                "images": "unknown, ten with images of a DIGIT",
+            },
             "runs",
         ),
     ),
