@@ -641,6 +641,47 @@ TABLES: dict[str, Table] = {
             "base",
         ),
     ),
+    "outline-causes": Table(
+        {
+            "unknown outline": "{name}",
+            "explorations": "{explorations}",
+            "pose error": "{mm:.1f} mm, {deg:.1f}°",
+            "of each, paired": "{change}",
+            "touched points": "{touched_mm:.1f} mm",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                "now": "as it is",
+                "directions": "directions of touch without error",
+                "motion": "true motion of the object",
+                "friction": "friction known: its radius, centre and grip",
+                "friction_unchanging": "the same, alike in all contacts",
+                "center": "centre of friction known",
+                "grip": "grip known",
+                "steps": "tried: the object moves in steps of 2 mm, not with each frame",
+                "together": "tried: the same, and a prior in which centre of friction and curve move together",
+                "together_sharp": "tried: the same, three observations count as one",
+                "together_frames": "tried: that prior alone",
+                "harmonics": "tried: 48 harmonics, T alone",
+            },
+            "causes",
+        ),
+    ),
+    "outline-image-causes": Table(
+        {
+            "sensor": "{name}",
+            "explorations": "{explorations}",
+            "directions of images": "{images}",
+            "drawn directions": "{drawn}",
+            "of each, paired": "{change}",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {"digit": "DIGIT", "mini": "GelSight Mini, a flat pad"},
+            "image_causes",
+        ),
+    ),
     "outline-small-tips": Table(
         {
             "a tip of 5 mm, the curve is": "{name}",
