@@ -50,13 +50,16 @@ def test_a_run_without_truth_shows_sigma(tracked):
 def test_an_outline_that_is_learnt_is_drawn_with_its_band(tracked):
     run = palpate.track(tracked.recording, palpate.TrackerSettings("oracle"), outline=palpate.Unknown((0.1, 0.3)))
     figure = run_figure(run)
-    assert {"truth", "95 % band of the outline"} < legend(figure) and "start" not in legend(figure)
+    assert {"truth", "95 % band of the outline", "touched"} < legend(figure) and "start" not in legend(figure)
     outline = run.outlines[-1]
     x, y, theta = run.online.pose[-1]
     turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
     placed = 1e3 * (np.stack((outline.points, *outline.edges())) @ turn.T + (x, y))
     drawn = [np.column_stack(line.get_data()) for line in figure.axes[0].get_lines()]
     assert any(len(line) == len(placed[0]) + 1 and np.allclose(line[:-1], placed[0]) for line in drawn)
+    touched = placed[0][outline.touched]
+    (thick,) = (line for line in drawn if len(line) == 4 * len(touched) > 0)
+    assert np.allclose(thick[1::4], touched) and np.isnan(thick[3::4]).all()
     patches: Any = figure.axes[0].patches
     (band,) = (area.get_xy() for area in patches if len(area.get_xy()) > 2 * len(outline.points))
     assert np.allclose(band[: len(outline.points)], placed[2])
