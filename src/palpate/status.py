@@ -195,7 +195,11 @@ def _contradicting_form(form: FormEvidence) -> str:
     if form.exceeding_width > 0.0:
         return f"what was touched is {1e3 * form.exceeding_width:.0f} mm wide, more than the size that was stated"
     if form.from_sketch > 0.0:
-        return f"what was touched is up to {1e3 * form.from_sketch:.0f} mm from the sketch, more than its sigma allows"
+        distance = f"{1e3 * form.from_sketch:.0f} mm"
+        return (
+            f"what was touched is up to {distance} from the sketch, more than its sigma allows; sketch or first pose "
+            "may be off"
+        )
     if form.shoved_share > 0.0:
         share = f"{form.shoved_share:.0%}"
         return f"something else seems to have moved the object in {share} of contacts; the sketch may be off"

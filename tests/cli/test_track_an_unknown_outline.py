@@ -134,7 +134,9 @@ def test_an_outline_is_not_overwritten(run_palpate, succeeds):
         (("track", "push.mcap", "--shape", "unknown:big"), "unknown:big"),
         (("track", "push.mcap", "--shape", "unknown", "--outline-sigma", "5mm"), "--outline-sigma"),
         (("track", "push.mcap", "--outline-sigma", "5mm"), "--outline-sigma"),
-        (("track", "push.mcap", "--shape", "rectangle", "--outline-sigma", "90mm"), "sigma"),
+        (("track", "push.mcap", "--shape", "rectangle", "--outline-sigma", "90mm"), "--shape rectangle with --outline"),
+        (("track", "push.mcap", "--shape", "l.csv", "--outline-sigma", "5mm"), "l.csv"),
+        (("track", "push.mcap", "--shape", "l.csv"), "--outline-sigma"),
         (("track", "push.mcap", "--shape", "unknown", "--shape-unit", "mm"), "--shape-unit"),
         (
             ("track", "push.mcap", "--shape", "rectangle", "--outline-sigma", "5mm", "--first-pose-unknown"),
@@ -145,6 +147,7 @@ def test_an_outline_is_not_overwritten(run_palpate, succeeds):
     ],
 )
 def test_what_cannot_be_is_one_sentence(run_palpate, words, named):
+    Path("l.csv").write_text("x,y\n0.01,0\n0.11,0\n0.11,0.1\n0.1,0.1\n0.1,0.01\n0.01,0.01\n")
     code, out, err = run_palpate(*words)
     assert code == 2 and out == "" and named in err and len(err.splitlines()) == 1
     assert not Path("runs").exists() and not Path("part.svg").exists()

@@ -155,6 +155,9 @@ def test_the_band_of_a_touched_place_holds_the_error_of_the_set_up():
 def test_an_object_larger_than_stated_and_a_sketch_that_does_not_fit_are_strained():
     larger = tracked(Unknown((0.03, 0.06)), touches(radius=0.09, sides=24), np.zeros(3))[-1]
     assert larger.status == "strained" and "mm wide" in larger.reason
+    across = tracked(Unknown((0.03, 0.13)), touches(radius=0.09, sides=2), np.array((0.0, 0.0, 0.25 * np.pi)))[-1]
+    assert across.status == "strained" and "mm wide" in across.reason
+    assert tracked(Unknown((0.03, 0.19)), touches(radius=0.09, sides=24), np.zeros(3))[-1].status != "strained"
     other = tracked(Sketch(Disc(0.05), 0.001), touches(radius=0.09, sides=24), np.zeros(3))[-1]
     assert other.status == "strained" and "moved the object" in other.reason
 

@@ -47,7 +47,7 @@ class Unknown:
         numbers = [value for value in checked if value is not None]
         if len(numbers) != 2 or not numbers[0] < numbers[1]:
             allowed = f"two widths from {least:g} to {most:g} m, the smaller first"
-            raise SettingError(f"size of an unknown outline is {given!r}; allowed are {allowed}")
+            raise SettingError(f"size of an unknown outline is {given!r} m; allowed are {allowed}")
         object.__setattr__(self, "size", tuple(numbers))
 
     @property
@@ -74,11 +74,16 @@ class Sketch:
         most = _LIMITS.largest_sigma * self.shape.extent
         sigma = checked_number(self.sigma, least, most)
         if sigma is None:
-            allowed = f"{least:g} m to a quarter of the sketch's width, {most:.3g} m"
-            raise SettingError(f"sigma of a sketch is {self.sigma!r}; allowed are {allowed}")
+            allowed = f"{least:g} m to a quarter of its width, {most:.3g} m"
+            raise SettingError(
+                f"sigma of a sketch that is {self.shape.extent:.3g} m wide is {self.sigma!r} m; allowed are {allowed}"
+            )
         object.__setattr__(self, "sigma", sigma)
         if not self.shape.signed_distance(np.zeros(2)) < 0.0:
-            raise SettingError("the origin of the sketch lies outside of its outline; allowed is one inside")
+            raise SettingError(
+                "the origin of the sketch lies outside of its outline; allowed is one inside (an SVG is put about its "
+                "centroid, a CSV or JSON keeps its numbers)"
+            )
         points = self.shape.outline(720)
         angle = np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
         back = np.maximum.accumulate(angle) - angle
