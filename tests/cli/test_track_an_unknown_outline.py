@@ -153,6 +153,12 @@ def test_what_cannot_be_is_one_sentence(run_palpate, words, named):
     assert not Path("runs").exists() and not Path("part.svg").exists()
 
 
+@pytest.mark.parametrize("outline", ["unknown", palpate.Rectangle(0.1, 0.1)])
+def test_python_takes_no_other_outline_to_be_learnt(outline):
+    with pytest.raises(palpate.SettingError, match=r"palpate\.Unknown"):
+        palpate.track(pushed(), outline=outline)
+
+
 def test_runs_are_kept_apart_by_their_outlines(json_of, run_palpate):
     options = ("track", "push.mcap", "blind.mcap", "--out", "many", "--resume", "--first-pose", "0", "0", "3")
     run_palpate(*options, "--shape", "unknown")

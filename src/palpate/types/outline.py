@@ -76,7 +76,7 @@ class Sketch:
         if sigma is None:
             allowed = f"{least:g} m to a quarter of its width, {most:.3g} m"
             raise SettingError(
-                f"sigma of a sketch that is {self.shape.extent:.3g} m wide is {self.sigma!r} m; allowed are {allowed}"
+                f"sigma of a sketch that is {self.shape.extent:.3g} m wide is {self.sigma!r}; allowed are {allowed}"
             )
         object.__setattr__(self, "sigma", sigma)
         if not self.shape.signed_distance(np.zeros(2)) < 0.0:
