@@ -68,6 +68,19 @@ def test_an_outline_that_is_learnt_is_drawn_with_its_band(tracked):
     assert len(without.axes[0].patches) == len(figure.axes[0].patches) - 1  # the true outline
 
 
+def test_an_object_that_nobody_drew_has_no_place_before_its_first_contact():
+    anywhere = {"first_pose": np.zeros(3), "first_pose_sigma": (1.0, 1.0, 2.0)}
+    blind = replace(pushed(), **BLIND)
+    run = palpate.track(blind, palpate.TrackerSettings("none"), outline=palpate.Unknown((0.1, 0.3)), **anywhere)
+    figure = run_figure(run)
+    assert run.online.covariance[0, 0, 0] > 0.9 and figure.axes[1].get_ylim()[1] < 500.0  # [mm]
+    ellipses = lines(figure.axes[0])["95 % ellipses"]
+    assert np.nanmax(np.abs(ellipses)) < 1000.0
+    away = palpate.track(replace(blind, contact=np.zeros(40, np.bool_)), outline=palpate.Unknown(), **anywhere)
+    drawn = [line for line in run_figure(away).axes[0].get_lines() if np.size(line.get_xdata()) > 100]
+    assert not drawn
+
+
 def test_the_legend_of_a_video_names_other_answers_where_there_are_some(tracked):
     answer = Answer(np.zeros(3), np.eye(3), 0.5, "shove")
     one = replace(tracked, answers=((),) * len(tracked.answers))

@@ -182,7 +182,8 @@ def _draw_error(axes: "Axes", run: Run, name: str, error: Array, sigma: Array, i
     contact_style: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
     axes.fill_between(time, 0.0, 1.0, run.online.contact, step="post", transform=whole_height, **contact_style)
     axes.fill_between(time, least * sigma, sigma, color=ESTIMATE, alpha=0.3, lw=0, label="1 sigma of the estimate")
-    top = float(np.percentile(sigma, 99)) * 1.1
+    placed = sigma[min(first_placed(run), len(sigma) - 1) :]
+    top = float(np.percentile(placed, 99)) * 1.1
     if is_scored:
         axes.plot(time, error, color="black", lw=1.3, label="error")
         worst = float(np.nanmax(np.abs(error)))
