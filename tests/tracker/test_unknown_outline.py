@@ -143,6 +143,15 @@ def test_a_sketch_is_drawn_exactly_where_a_tip_gets_to():
         assert np.mean(off < 1e-4) >= reached
 
 
+def test_a_sketch_whose_centroid_is_outside_is_drawn_about_its_origin():
+    corners = np.array([(-20, -20), (300, -20), (300, 20), (20, 20), (20, 300), (-20, 300)]) / 1e3
+    shape = Polygon(corners)
+    assert shape.signed_distance(np.asarray(shape.centroid)) > DIGIT.radius
+    far_away = [Frame(0.0, np.array((0.9, 0.0, 0.0)), contact=False)]
+    points = outline_of(tracked(Sketch(shape, 1e-3), far_away, np.zeros(3))[-1]).points
+    assert np.mean(np.abs(shape.signed_distance(points)) < 1e-4) >= 0.75
+
+
 def test_the_band_of_a_touched_place_holds_the_error_of_the_set_up():
     """However often a place is touched, where the sensor is mounted and how far its gel gives way stay unknown."""
     one_round = touches()
