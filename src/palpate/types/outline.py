@@ -84,28 +84,21 @@ class Sketch:
                 "the origin of the sketch lies outside of its outline; allowed is one inside (an SVG is put about its "
                 "centroid, a CSV or JSON keeps its numbers)"
             )
-        hidden_at = self._hidden_from(np.zeros(2))
-        if hidden_at is not None:
+        points = self.shape.outline(720)
+        angle = np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
+        back = np.maximum.accumulate(angle) - angle
+        if back.max() > _LIMITS.hidden:
+            at = np.degrees(angle[int(np.argmax(back))]) % 360.0
             raise SettingError(
-                f"seen from the sketch's origin, a part of its outline hides another at {hidden_at:.0f} degrees; "
-                "allowed is one that every way from the origin meets once"
+                f"seen from the sketch's origin, a part of its outline hides another at {at:.0f} degrees; allowed is "
+                "one that every way from the origin meets once"
             )
 
     @property
     def pole(self) -> Array:
-        """Point (2,) [m] from which all of it is seen: the centroid or, if that is outside or hides a part, 0, 0."""
+        """Point inside (2,) [m] about which its curve is drawn: the centroid or, where that is outside, the origin."""
         centroid = np.asarray(self.shape.centroid)
-        is_inside = bool(self.shape.signed_distance(centroid) < 0.0)
-        return centroid if is_inside and self._hidden_from(centroid) is None else np.zeros(2)
-
-    def _hidden_from(self, point: Array) -> float | None:
-        """Return where, seen from a point (2,) inside, a part of the outline hides another [degrees]; None if none."""
-        x, y = (self.shape.outline(720) - point).T
-        angle = np.unwrap(np.arctan2(y, x))
-        back = np.maximum.accumulate(angle) - angle
-        if back.max() <= _LIMITS.hidden:
-            return None
-        return float(np.degrees(angle[int(np.argmax(back))]) % 360.0)
+        return centroid if self.shape.signed_distance(centroid) < 0.0 else np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
