@@ -195,7 +195,11 @@ def _contradicting_form(form: FormEvidence) -> str:
     if form.exceeding_width > 0.0:
         return f"what was touched is {1e3 * form.exceeding_width:.0f} mm wide, more than the size that was stated"
     if form.from_sketch > 0.0:
-        return f"what was touched is up to {1e3 * form.from_sketch:.0f} mm from the sketch, more than its sigma allows"
+        distance = f"{1e3 * form.from_sketch:.0f} mm"
+        return (
+            f"what was touched is up to {distance} from the sketch, more than its sigma allows; sketch or first pose "
+            "may be off"
+        )
     if form.shoved_share > 0.0:
         share = f"{form.shoved_share:.0%}"
         return f"something else seems to have moved the object in {share} of contacts; the sketch may be off"
@@ -206,12 +210,14 @@ def _unknown_form(on: Evidence) -> str:
     form = on.pose.form
     if form is None:
         return ""
+    if form.untouched_share >= 1.0:
+        return "nothing was touched so far, and the outline is a guess"
     if not form.has_directions:
         return LACKS_DIRECTIONS
     if form.untouched_share > 0.5:
-        return "the contacts so far enclose nothing: over half of the outline is a guess"
+        return "the contacts so far enclose nothing, and over half of the outline is a guess: push other sides"
     if form.untouched_share > 0.0:
-        return f"{form.untouched_share:.0%} of the outline, in one piece, were not touched and are a guess"
+        return f"{form.untouched_share:.0%} of the outline, in one piece, is a guess, as nothing touched it: push there"
     if form.is_beyond_tolerance:
         return f"the outline is known to {2e3 * form.deviation:.0f} mm at 95 % where it was touched"
     return ""

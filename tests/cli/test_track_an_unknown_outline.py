@@ -20,6 +20,11 @@ ORACLE = ("--tactile", "oracle")
 SCORES = {"outline_rms_mm", "outline_all_rms_mm", "outline_in_95", "outline_touched_in_95"}
 
 
+def in_world(lines: Any, pose: Any) -> Any:
+    turn = np.array([[np.cos(pose[2]), -np.sin(pose[2])], [np.sin(pose[2]), np.cos(pose[2])]])
+    return np.stack(lines) @ turn.T + pose[:2]
+
+
 def run_data(folder: str = "runs/push") -> Any:
     return json.loads(Path(folder, "outline.json").read_text())
 
@@ -53,6 +58,24 @@ def test_without_a_first_pose_the_frame_is_that_of_the_truth_at_the_first_contac
     pose = np.column_stack((online["x"], online["y"], online["theta"]))
     assert np.allclose(pose[: first + 1], pushed().object_pose[first], atol=1e-9)
     assert found["outline_rms_mm"] is not None
+
+
+def test_ground_truth_moves_the_band_with_the_outline():
+    """Without a first pose a run puts the object frame where the truth has it: in the world nothing moves."""
+    recording = palpate.load_recording("push.mcap")
+    shape = palpate.Unknown((0.08, 0.3))
+    settings = palpate.TrackerSettings("oracle", smoother="fixed-lag")
+    run = palpate.track(recording, settings, np.zeros(3), first_pose_sigma=(1.0, 1.0, 2.0), outline=shape)
+    tracker = palpate.Tracker(shape, recording.sensor, None, settings)
+    last = [tracker.update(frame) for frame in recording][-1]
+    assert last.outline is not None and not np.allclose(last.pose, run.online.pose[-1], atol=1e-3)
+    moved = run.outlines[-1]
+    inner, outer = moved.edges()
+    assert np.allclose(
+        in_world((moved.points, inner, outer), run.online.pose[-1]),
+        in_world((last.outline.points, *last.outline.edges()), last.pose),
+    )
+    assert moved.signed_distance(inner).max() <= 1e-12 and moved.signed_distance(outer).min() >= -1e-12
 
 
 def test_without_truth_nothing_is_scored(json_of):
@@ -111,7 +134,9 @@ def test_an_outline_is_not_overwritten(run_palpate, succeeds):
         (("track", "push.mcap", "--shape", "unknown:big"), "unknown:big"),
         (("track", "push.mcap", "--shape", "unknown", "--outline-sigma", "5mm"), "--outline-sigma"),
         (("track", "push.mcap", "--outline-sigma", "5mm"), "--outline-sigma"),
-        (("track", "push.mcap", "--shape", "rectangle", "--outline-sigma", "90mm"), "sigma"),
+        (("track", "push.mcap", "--shape", "rectangle", "--outline-sigma", "90mm"), "--shape rectangle with --outline"),
+        (("track", "push.mcap", "--shape", "l.csv", "--outline-sigma", "5mm"), "l.csv"),
+        (("track", "push.mcap", "--shape", "l.csv"), "--outline-sigma"),
         (("track", "push.mcap", "--shape", "unknown", "--shape-unit", "mm"), "--shape-unit"),
         (
             ("track", "push.mcap", "--shape", "rectangle", "--outline-sigma", "5mm", "--first-pose-unknown"),
@@ -122,9 +147,16 @@ def test_an_outline_is_not_overwritten(run_palpate, succeeds):
     ],
 )
 def test_what_cannot_be_is_one_sentence(run_palpate, words, named):
+    Path("l.csv").write_text("x,y\n0.01,0\n0.11,0\n0.11,0.1\n0.1,0.1\n0.1,0.01\n0.01,0.01\n")
     code, out, err = run_palpate(*words)
     assert code == 2 and out == "" and named in err and len(err.splitlines()) == 1
     assert not Path("runs").exists() and not Path("part.svg").exists()
+
+
+@pytest.mark.parametrize("outline", ["unknown", palpate.Rectangle(0.1, 0.1)])
+def test_python_takes_no_other_outline_to_be_learnt(outline):
+    with pytest.raises(palpate.SettingError, match=r"palpate\.Unknown"):
+        palpate.track(pushed(), outline=outline)
 
 
 def test_runs_are_kept_apart_by_their_outlines(json_of, run_palpate):

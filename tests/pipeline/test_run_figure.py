@@ -50,19 +50,35 @@ def test_a_run_without_truth_shows_sigma(tracked):
 def test_an_outline_that_is_learnt_is_drawn_with_its_band(tracked):
     run = palpate.track(tracked.recording, palpate.TrackerSettings("oracle"), outline=palpate.Unknown((0.1, 0.3)))
     figure = run_figure(run)
-    assert {"truth", "95 % band of the outline"} < legend(figure) and "start" not in legend(figure)
+    assert {"truth", "95 % band of the outline", "touched"} < legend(figure) and "start" not in legend(figure)
     outline = run.outlines[-1]
     x, y, theta = run.online.pose[-1]
     turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
     placed = 1e3 * (np.stack((outline.points, *outline.edges())) @ turn.T + (x, y))
     drawn = [np.column_stack(line.get_data()) for line in figure.axes[0].get_lines()]
     assert any(len(line) == len(placed[0]) + 1 and np.allclose(line[:-1], placed[0]) for line in drawn)
+    touched = placed[0][outline.touched]
+    (thick,) = (line for line in drawn if len(line) == 4 * len(touched) > 0)
+    assert np.allclose(thick[1::4], touched) and np.isnan(thick[3::4]).all()
     patches: Any = figure.axes[0].patches
     (band,) = (area.get_xy() for area in patches if len(area.get_xy()) > 2 * len(outline.points))
     assert np.allclose(band[: len(outline.points)], placed[2])
     assert np.allclose(band[-2 : -len(outline.points) - 2 : -1], placed[1])
     without = run_figure(palpate.track(replace(tracked.recording, is_shape_known=False), outline=palpate.Unknown()))
     assert len(without.axes[0].patches) == len(figure.axes[0].patches) - 1  # the true outline
+
+
+def test_an_object_that_nobody_drew_has_no_place_before_its_first_contact():
+    anywhere = {"first_pose": np.zeros(3), "first_pose_sigma": (1.0, 1.0, 2.0)}
+    blind = replace(pushed(), **BLIND)
+    run = palpate.track(blind, palpate.TrackerSettings("none"), outline=palpate.Unknown((0.1, 0.3)), **anywhere)
+    figure = run_figure(run)
+    assert run.online.covariance[0, 0, 0] > 0.9 and figure.axes[1].get_ylim()[1] < 500.0  # [mm]
+    ellipses = lines(figure.axes[0])["95 % ellipses"]
+    assert np.nanmax(np.abs(ellipses)) < 1000.0
+    away = palpate.track(replace(blind, contact=np.zeros(40, np.bool_)), outline=palpate.Unknown(), **anywhere)
+    drawn = [line for line in run_figure(away).axes[0].get_lines() if np.size(line.get_xdata()) > 100]
+    assert not drawn
 
 
 def test_the_legend_of_a_video_names_other_answers_where_there_are_some(tracked):

@@ -143,6 +143,15 @@ def test_a_sketch_is_drawn_exactly_where_a_tip_gets_to():
         assert np.mean(off < 1e-4) >= reached
 
 
+def test_a_sketch_whose_centroid_is_outside_is_drawn_about_its_origin():
+    corners = np.array([(-20, -20), (300, -20), (300, 20), (20, 20), (20, 300), (-20, 300)]) / 1e3
+    shape = Polygon(corners)
+    assert shape.signed_distance(np.asarray(shape.centroid)) > DIGIT.radius
+    far_away = [Frame(0.0, np.array((0.9, 0.0, 0.0)), contact=False)]
+    points = outline_of(tracked(Sketch(shape, 1e-3), far_away, np.zeros(3))[-1]).points
+    assert np.mean(np.abs(shape.signed_distance(points)) < 1e-4) >= 0.75
+
+
 def test_the_band_of_a_touched_place_holds_the_error_of_the_set_up():
     """However often a place is touched, where the sensor is mounted and how far its gel gives way stay unknown."""
     one_round = touches()
@@ -155,6 +164,9 @@ def test_the_band_of_a_touched_place_holds_the_error_of_the_set_up():
 def test_an_object_larger_than_stated_and_a_sketch_that_does_not_fit_are_strained():
     larger = tracked(Unknown((0.03, 0.06)), touches(radius=0.09, sides=24), np.zeros(3))[-1]
     assert larger.status == "strained" and "mm wide" in larger.reason
+    across = tracked(Unknown((0.03, 0.13)), touches(radius=0.09, sides=2), np.array((0.0, 0.0, 0.25 * np.pi)))[-1]
+    assert across.status == "strained" and "mm wide" in across.reason
+    assert tracked(Unknown((0.03, 0.19)), touches(radius=0.09, sides=24), np.zeros(3))[-1].status != "strained"
     other = tracked(Sketch(Disc(0.05), 0.001), touches(radius=0.09, sides=24), np.zeros(3))[-1]
     assert other.status == "strained" and "moved the object" in other.reason
 

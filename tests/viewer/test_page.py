@@ -104,7 +104,34 @@ def test_a_run_without_images_and_truth_on_a_phone(tmp_path, browser, command):
     page = tmp_path / "run" / "page.html"
     opened(browser, page, width=390, mobile=True)
     assert browser.execute_script("return document.scrollingElement.scrollWidth - innerWidth") <= 0
+    assert browser.execute_script("return document.getElementById('touch').offsetHeight") == 0
     assert browser.get_log("browser") == []
+
+
+BLUE_IN_CANVAS = """
+const canvas = document.querySelector('canvas');
+const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+let count = 0;
+for (let at = 0; at < data.length; at += 4) { count += data[at] < 20 && data[at + 2] > 150 && data[at + 3] > 250; }
+return count;
+"""
+
+
+def test_an_object_that_nobody_drew_appears_at_its_first_contact_and_touched_parts_are_thick(
+    tmp_path, browser, command
+):
+    palpate.write_recording(pushed(), tmp_path / "push.mcap")
+    words = ("track", tmp_path / "push.mcap", "--html", "--shape", "unknown:80mm-300mm", "--first-pose-unknown")
+    assert command(*words, "--tactile", "oracle", "--out", tmp_path / "run") == 0
+    page = tmp_path / "run" / "page.html"
+    opened(browser, page)
+    seen = []
+    for frame in (4, 5, 39):
+        browser.execute_script(f"go({frame})")
+        seen.append(browser.execute_script(BLUE_IN_CANVAS))
+    browser.execute_script("run.learnt.forEach((learnt) => { learnt[4] = []; }); go(39)")
+    without_touched = browser.execute_script(BLUE_IN_CANVAS)
+    assert seen[0] == 0 < seen[1] and without_touched < seen[2]
 
 
 def test_a_run_without_contact(tmp_path, command):

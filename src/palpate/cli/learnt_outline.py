@@ -10,7 +10,7 @@ from palpate.cli.console import Report
 from palpate.cli.options import Bag, Force, arg
 from palpate.cli.quantities import LENGTH, quantities, quantity
 from palpate.cli.sources import Source
-from palpate.errors import FileError, SettingError
+from palpate.errors import FileError, PalpateError, SettingError
 from palpate.files import new_file
 
 _WORD = "unknown"
@@ -36,7 +36,11 @@ class LearntOutline:
         if unknown or not words:
             found = f"--shape {words}" if words else "no --shape"
             raise SettingError(f"--outline-sigma is of a sketch; found {found}, allowed is --shape FILE")
-        return palpate.Sketch(palpate.load_shape(words, bag.shape_unit, bag.shape_layer), self.outline_sigma)
+        shape = palpate.load_shape(words, bag.shape_unit, bag.shape_layer)
+        try:
+            return palpate.Sketch(shape, self.outline_sigma)
+        except PalpateError as error:
+            raise SettingError(f"--shape {words} with --outline-sigma: {error}") from error
 
 
 def unknown_in_words(words: str) -> "palpate.Unknown | None":
@@ -96,6 +100,8 @@ def outline(
     from palpate.pipeline.run_folder import OUTLINE
 
     path = run / OUTLINE
+    if not run.exists():
+        raise FileError(f"{run}: no such folder; allowed is the folder of a run")
     if not path.exists():
         raise FileError(f"{run}: holds no learnt outline; track with --shape unknown, or --outline-sigma with a sketch")
     new_file(out, force)

@@ -218,7 +218,8 @@ class Bag:
             if kind is not None and self != Bag(choices=BagOptions(orientation, gel)):
                 raise SettingError(
                     f"{file}: is no bag but a recording, whose outline, sensor and times are settled; of the options "
-                    "for bags only --orientation and --sensor-T-gel apply to it"
+                    "for bags only --orientation and --sensor-T-gel apply to it (track and live also learn an outline: "
+                    "--shape unknown, or --shape FILE with --outline-sigma)"
                 )
             recording = palpate.load_recording(file, orientation)
             return palpate.BagReading(recording if gel is None else recording.moved_onto_gel(gel), flat())

@@ -14,7 +14,12 @@ class _Settings:
     """Settings of the evidence on an outline."""
 
     far: float = 4.0
-    """Standard deviations from which a contact contradicts the stated sizes or the sketch."""
+    """Standard deviations from which a contact contradicts the sketch."""
+    apart: float = 1.5
+    """Standard deviations of each of two contacts by which these are farther apart than the stated size if they
+    contradict it: less than for a sketch, as they have most of the error of their poses in common."""
+    ways: int = 16
+    """Number of directions along which the width of what was touched is measured."""
     widest_gap: float = 0.3
     """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
     often: float = 0.2
@@ -101,9 +106,12 @@ def _beyond_size(contacts: Contacts, given: Unknown) -> float:
     """Return the width of what was touched [m] if it is larger than the stated size; else 0."""
     if len(contacts.points) < 2:
         return 0.0
-    width = float(np.ptp(contacts.points, axis=0).max())
-    sure = width - _SETTINGS.far * float(contacts.deviation.max())
-    return width if sure > given.size[1] else 0.0
+    angle = np.arange(_SETTINGS.ways) * (np.pi / _SETTINGS.ways)
+    along = contacts.points @ np.stack((np.cos(angle), np.sin(angle)))
+    slack = _SETTINGS.apart * contacts.deviation[:, None]
+    sure = (along - slack).max(axis=0) - (along + slack).min(axis=0)
+    widest = int(np.argmax(sure))
+    return float(np.ptp(along[:, widest])) if sure[widest] > given.size[1] else 0.0
 
 
 def _beyond_sketch(contacts: Contacts, given: Sketch) -> float:

@@ -121,7 +121,8 @@ def _forms_of_sketch(given: Sketch, priors: Priors, tip: float, generator: np.ra
     """Return forms about a sketch; half of the variance of the centre of friction is between the rows."""
     count = _SETTINGS.count
     center = complex(*given.shape.centroid)
-    base = base_about(given.shape, center, tip)
+    pole = complex(*given.pole)
+    base = base_about(given.shape, pole, tip)
     mean_radius = float(np.exp(base.table[0].mean()))
     friction_radius = given.shape.friction_radius()
     center_deviation = math.sqrt(0.5) * math.hypot(priors.friction_center[1] * friction_radius, given.sigma)
@@ -131,7 +132,7 @@ def _forms_of_sketch(given: Sketch, priors: Priors, tip: float, generator: np.ra
         curve=np.zeros((count, COEFFICIENTS)),
         deviation=deviations_about(given.sigma / mean_radius),
         friction_radius=np.full(count, friction_radius),
-        pole=np.full(count, center),
+        pole=np.full(count, pole),
         center=center + between[0] + 1j * between[1],
         center_deviation=np.full(count, center_deviation),
         is_straight=np.zeros(count, np.bool_),

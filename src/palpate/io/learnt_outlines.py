@@ -9,11 +9,11 @@ from palpate.errors import FileError
 from palpate.files import in_file, read_json, whole_file, write_json
 from palpate.types.outline import Outline
 
-_FIELDS = ("points", "deviation", "touched")
+_FIELDS = ("points", "deviation", "touched", "origin")
 
 
 def write_outline(outline: Outline, path: Path) -> None:
-    """Write the points of an outline [m], object frame, their deviations [m] and which were touched, as JSON."""
+    """Write an outline as JSON: points and origin [m], object frame, deviations [m], and which points were touched."""
     data = {name: np.asarray(getattr(outline, name)).tolist() for name in _FIELDS}
     write_json(path, data)
 
@@ -26,11 +26,13 @@ def read_outline(path: Path) -> Outline:
             points = np.array(data["points"], np.float64)
             deviation = np.array(data["deviation"], np.float64)
             touched = np.array(data["touched"], np.bool_)
+            origin = np.array(data.get("origin", (0.0, 0.0)), np.float64)  # earlier versions had none
         except (KeyError, TypeError, ValueError) as error:
             raise FileError(f"is no learnt outline: lacks {', '.join(_FIELDS)} of numbers") from error
-        if points.ndim != 2 or points.shape[1:] != (2,) or not len(points) == len(deviation) == len(touched):
+        is_whole = points.shape[1:] == origin.shape == (2,) and len(points) == len(deviation) == len(touched)
+        if not is_whole:
             raise FileError(f"is no learnt outline: found {points.shape} points and {deviation.shape} deviations")
-    return Outline(points, deviation, touched)
+    return Outline(points, deviation, touched, origin)
 
 
 def draw_outline(outline: Outline, path: Path, force: bool = False) -> None:

@@ -15,9 +15,9 @@ from palpate.errors import one_line
 from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.geometry.se2 import ellipses_95
+from palpate.pipeline.learnt_outline import is_anywhere
 from palpate.pipeline.metrics import deviations, flag_runs, pose_words, rotation_errors, translation_errors
 from palpate.pipeline.track import Run
-from palpate.status import is_unknown
 from palpate.types.estimate import Status
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ SENSOR = "#D55E00"
 CONTACT = "#E69F00"
 START = "#AAAAAA"
 OTHERS = "#CC79A7"
+
+TOUCHED_STYLE: Any = {"color": ESTIMATE, "lw": 4.0, "solid_capstyle": "butt"}
 
 STATUS_COLOURS: dict[Status, str] = {
     "tracking": "#009E73",
@@ -115,8 +117,8 @@ def draw_from_above(axes: "Axes", run: Run) -> None:
     frames = np.linspace(0, len(online) - 1, 12).astype(int)
     if run.outlines:
         axes.fill([], [], facecolor=ESTIMATE, alpha=0.15, lw=0, label="95 % band of the outline")
-        # Before it is touched, an object that nobody drew may have no place.
-        frames = frames[[not is_unknown(yaw) for yaw in np.sqrt(online.covariance[frames, 2, 2])]]
+        axes.plot([], [], **TOUCHED_STYLE, label="touched")
+        frames = frames[frames >= first_placed(run)]
     ellipses = ellipses_95(online.pose[frames], online.covariance[frames])
     lines = np.insert(ellipses, ellipses.shape[1], np.nan, axis=1)  # one line with gaps
     axes.plot(*millimetres(lines.reshape(-1, 2)), color=ESTIMATE, lw=0.7, alpha=0.7, label="95 % ellipses")
@@ -147,10 +149,11 @@ def draw_moment(axes: "Axes", run: Run, frame: int) -> "list[Artist]":
     truth = run.recording.truth[frame]
     if np.isfinite(truth).all() and run.recording.is_shape_known:
         drawn += axes.fill(*outline_at(run, truth), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)
-    if run.outlines:
+    if run.outlines and frame >= first_placed(run):
         drawn += axes.fill(*band_at(run, frame), facecolor=ESTIMATE, alpha=0.15, lw=0)
-        drawn += axes.plot(*touched_at(run, frame), color=ESTIMATE, lw=4.0, alpha=0.5)
-    drawn += axes.plot(*estimated_outline_at(run, frame), color=ESTIMATE, lw=1.8)
+        drawn += axes.plot(*touched_at(run, frame), **TOUCHED_STYLE)
+    if frame >= first_placed(run):
+        drawn += axes.plot(*estimated_outline_at(run, frame), color=ESTIMATE, lw=1.8)
     for sensor, pose in run.recording.tips():
         for pad in sensor.pads:
             drawn += axes.fill(*millimetres(se2.transform(pose[frame], pad)), color=SENSOR, alpha=0.8, lw=0)
@@ -179,7 +182,8 @@ def _draw_error(axes: "Axes", run: Run, name: str, error: Array, sigma: Array, i
     contact_style: Any = {"color": CONTACT, "alpha": 0.12, "lw": 0, "label": "contact"}
     axes.fill_between(time, 0.0, 1.0, run.online.contact, step="post", transform=whole_height, **contact_style)
     axes.fill_between(time, least * sigma, sigma, color=ESTIMATE, alpha=0.3, lw=0, label="1 sigma of the estimate")
-    top = float(np.percentile(sigma, 99)) * 1.1
+    placed = sigma[min(first_placed(run), len(sigma) - 1) :]
+    top = float(np.percentile(placed, 99)) * 1.1
     if is_scored:
         axes.plot(time, error, color="black", lw=1.3, label="error")
         worst = float(np.nanmax(np.abs(error)))
@@ -231,10 +235,20 @@ def band_at(run: Run, frame: int) -> Array:
 
 
 def touched_at(run: Run, frame: int) -> Array:
-    """Return the touched parts of a learnt outline at a frame (2, P) [mm], NaN in between."""
+    """Return the touched parts of a learnt outline at a frame (2, P) [mm], NaN in between: half a side to each side."""
     outline = run.outlines[frame]
-    points = np.where(outline.touched[:, None], outline.points, np.nan)
-    return millimetres(se2.transform(run.online.pose[frame], np.concatenate((points, points[:1]))))
+    points = outline.points
+    before = 0.5 * (np.roll(points, 1, axis=0) + points)
+    after = 0.5 * (np.roll(points, -1, axis=0) + points)
+    pieces = np.stack((before, points, after, np.full_like(points, np.nan)), axis=1)[outline.touched]
+    return millimetres(se2.transform(run.online.pose[frame], pieces.reshape(-1, 2)))
+
+
+def first_placed(run: Run) -> int:
+    """Return the first frame at which the object has a place: one that nobody drew may be anywhere until a contact."""
+    if not run.outlines or not is_anywhere(run.first_pose_sigma):
+        return 0
+    return int(np.argmax(np.append(run.online.contact, True)))
 
 
 def millimetres(points: Array) -> Array:

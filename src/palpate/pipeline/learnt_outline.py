@@ -64,7 +64,8 @@ def in_frame_of_truth(estimates: Sequence[Estimate], truth: Array) -> list[Estim
         )
         outline = one.outline
         if outline is not None:
-            outline = replace(outline, points=se2.transform(se2.inverse(other), outline.points))
+            points = se2.transform(se2.inverse(other), np.vstack((outline.points, outline.origin)))
+            outline = replace(outline, points=points[:-1], origin=points[-1])
         pose = se2.compose(one.pose, other)
         covariance = motion @ one.covariance @ motion.T
         moved.append(replace(one, pose=pose, covariance=covariance, answers=answers, outline=outline))

@@ -159,6 +159,8 @@ def start_of(
 
     Raises SettingError if there is none, or if nothing says which outline the object has.
     """
+    if not isinstance(outline, Unknown | Sketch | None):
+        raise SettingError(f"outline is {outline!r}; allowed are a palpate.Unknown, a palpate.Sketch, and None")
     if outline is None and not recording.is_shape_known:
         raise SettingError(
             f"{recording.file or 'the recording'}: its outline is not known; allowed are --shape unknown, or --shape "

@@ -1,7 +1,7 @@
 """Outlines that are not known, or known as a sketch; and an outline as it was learnt by touch, with its band."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ class Unknown:
         numbers = [value for value in checked if value is not None]
         if len(numbers) != 2 or not numbers[0] < numbers[1]:
             allowed = f"two widths from {least:g} to {most:g} m, the smaller first"
-            raise SettingError(f"size of an unknown outline is {given!r}; allowed are {allowed}")
+            raise SettingError(f"size of an unknown outline is {given!r} m; allowed are {allowed}")
         object.__setattr__(self, "size", tuple(numbers))
 
     @property
@@ -74,11 +74,16 @@ class Sketch:
         most = _LIMITS.largest_sigma * self.shape.extent
         sigma = checked_number(self.sigma, least, most)
         if sigma is None:
-            allowed = f"{least:g} m to a quarter of the sketch's width, {most:.3g} m"
-            raise SettingError(f"sigma of a sketch is {self.sigma!r}; allowed are {allowed}")
+            allowed = f"{least:g} m to a quarter of its width, {most:.3g} m"
+            raise SettingError(
+                f"sigma of a sketch that is {self.shape.extent:.3g} m wide is {self.sigma!r}; allowed are {allowed}"
+            )
         object.__setattr__(self, "sigma", sigma)
         if not self.shape.signed_distance(np.zeros(2)) < 0.0:
-            raise SettingError("the origin of the sketch lies outside of its outline; allowed is one inside")
+            raise SettingError(
+                "the origin of the sketch lies outside of its outline; allowed is one inside (an SVG is put about its "
+                "centroid, a CSV or JSON keeps its numbers)"
+            )
         points = self.shape.outline(720)
         angle = np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
         back = np.maximum.accumulate(angle) - angle
@@ -89,17 +94,25 @@ class Sketch:
                 "one that every way from the origin meets once"
             )
 
+    @property
+    def pole(self) -> Array:
+        """Point inside (2,) [m] about which its curve is drawn: the centroid or, where that is outside, the origin."""
+        centroid = np.asarray(self.shape.centroid)
+        return centroid if self.shape.signed_distance(centroid) < 0.0 else np.zeros(2)
+
 
 @dataclass(frozen=True, eq=False)
 class Outline:
     """An outline as it is known from touch, in the object frame."""
 
     points: Array
-    """Points (N, 2) [m] on the outline, counter-clockwise, evenly spaced in angle about the origin from 0 on."""
+    """Points (N, 2) [m] on the outline, counter-clockwise, evenly spaced in angle about its origin from 0 on."""
     deviation: Array
     """Standard deviation of each point across the outline, (N,) [m]."""
     touched: Flags
     """True for points that were touched, (N,)."""
+    origin: Array = field(default_factory=lambda: np.zeros(2))
+    """Point inside (2,) [m] about which the points are: the object frame's origin, unless ground truth moved that."""
 
     @property
     def shape(self) -> Polygon:
@@ -124,7 +137,7 @@ class Outline:
         from_start = points[:, None] - start
         along = np.clip((from_start * side).sum(axis=2) / np.square(side).sum(axis=1), 0.0, 1.0)
         distance = np.hypot(*np.moveaxis(from_start - along[..., None] * side, 2, 0)).min(axis=1)
-        angle = np.arctan2(points[:, 1], points[:, 0])
+        angle = self._angles(points) - self._angles(start[:1])
         width = 2.0 * math.pi / len(start)
         first = np.floor(angle / width).astype(int) % len(start)  # of the side that the ray through a point meets
         x, y = np.moveaxis(points - start[first], 1, 0)
@@ -133,9 +146,15 @@ class Outline:
 
     def edges(self) -> tuple[Array, Array]:
         """Return the inner and the outer edge of the 95 % band, (N, 2) [m] each; they do not cross the origin."""
-        radius = np.hypot(self.points[:, 0], self.points[:, 1])
-        outward = self.points / radius[:, None]
+        from_origin = self.points - self.origin
+        radius = np.hypot(from_origin[:, 0], from_origin[:, 1])
+        outward = from_origin / radius[:, None]
         slant = np.maximum((outward * self.normals).sum(axis=1), 0.3)  # of the outline to the ray
         reach = 1.96 * self.deviation / slant
         inner = np.maximum(radius - reach, 0.0)
-        return inner[:, None] * outward, (radius + reach)[:, None] * outward
+        return self.origin + inner[:, None] * outward, self.origin + (radius + reach)[:, None] * outward
+
+    def _angles(self, points: Array) -> Array:
+        """Return angles (P,) [rad] of points (P, 2) about the origin."""
+        x, y = (points - self.origin).T
+        return np.arctan2(y, x)

@@ -27,6 +27,7 @@ from palpate.pipeline.figures import (
     draw_from_above,
     draw_moment,
     draw_status,
+    first_placed,
     name_others,
     title_of,
 )
@@ -78,6 +79,7 @@ def content(run: Run) -> dict[str, Any]:
         "outline": np.round(1e3 * recording.shape.outline(100), 2).tolist(),
         "showsTruth": recording.is_shape_known,
         "learnt": _learnt_outlines(run, frames),
+        "placedFrom": int(np.searchsorted(frames, first_placed(run))),
         "tips": [
             {"pads": [np.round(1e3 * pad, 2).tolist() for pad in sensor.pads], "pose": _poses(pose[frames])}
             for sensor, pose in recording.tips()
@@ -165,8 +167,11 @@ def _shown_frames(count: int, most: int = 1500) -> "np.typing.NDArray[np.int_]":
 
 def _learnt_outlines(
     run: Run, frames: "np.typing.NDArray[np.int_]", most: int = 300
-) -> list[tuple[int, list[Any], list[Any], list[Any]]]:
-    """Return outlines as they were learnt, each with its place among the frames: points, inner and outer edge [mm]."""
+) -> list[tuple[int, list[Any], list[Any], list[Any], list[int]]]:
+    """Return outlines as they were learnt, each with its place among the frames.
+
+    These are its points, inner and outer edge [mm], and which of the points were touched.
+    """
     if not run.outlines:
         return []
     places = range(0, len(frames), -(-len(frames) // most))
@@ -174,7 +179,7 @@ def _learnt_outlines(
     for place in dict.fromkeys([*places, len(frames) - 1]):
         outline = run.outlines[frames[place]]
         lines = (np.round(1e3 * line, 1).tolist() for line in (outline.points, *outline.edges()))
-        learnt.append((place, *lines))
+        learnt.append((place, *lines, np.flatnonzero(outline.touched).tolist()))
     return learnt
 
 

@@ -16,12 +16,15 @@ from palpate.pipeline.figures import (
     ESTIMATE,
     OTHERS,
     SENSOR,
+    TOUCHED_STYLE,
     TRUTH,
     band_at,
     estimated_outline_at,
+    first_placed,
     millimetres,
     outline_at,
     run_figure,
+    touched_at,
 )
 from palpate.pipeline.track import Run
 from palpate.types.estimate import Answer, count_origins
@@ -107,10 +110,11 @@ class _Moving:
         self._truth = above.fill(*np.zeros((2, 3)), facecolor=TRUTH, edgecolor=TRUTH, alpha=0.2, lw=3.0)[0]
         self._band = above.fill(*np.zeros((2, 3)), facecolor=ESTIMATE, alpha=0.15, lw=0)[0]
         self._estimate = above.plot([], [], color=ESTIMATE, lw=1.8)[0]
+        self._touched = above.plot([], [], **TOUCHED_STYLE)[0]
         self._ellipse = above.plot([], [], color=ESTIMATE, lw=1.0)[0]
         self._others = above.plot([], [], color=OTHERS, lw=1.0)[0]
         self._now = [axes.axvline(0.0, color="black", lw=1.0) for axes in plots]
-        lines = [self._estimate, *self._pads, self._ellipse, self._others, *self._now]
+        lines = [self._touched, self._estimate, *self._pads, self._ellipse, self._others, *self._now]
         self.artists: list[Any] = [self._truth, self._band, *lines]
 
     def move(self, frame: int) -> None:
@@ -121,8 +125,12 @@ class _Moving:
         self._truth.set_visible(bool(np.isfinite(truth).all()) and run.recording.is_shape_known)
         if self._truth.get_visible():
             self._truth.set_xy(outline_at(run, truth).T)
+        is_placed = frame >= first_placed(run)
+        for part in (self._band, self._touched, self._estimate, self._ellipse):
+            part.set_visible(is_placed)
         if run.outlines:
             self._band.set_xy(band_at(run, frame).T)
+            self._touched.set_data(*touched_at(run, frame))
         self._estimate.set_data(*estimated_outline_at(run, frame))
         for artist, pad in zip(self._pads, run.recording.sensor.pads, strict=True):
             artist.set_xy(millimetres(se2.transform(run.recording.sensor_pose[frame], pad)).T)
