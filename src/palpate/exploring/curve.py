@@ -151,8 +151,15 @@ def outline_radii(
     radii = np.empty(radius.shape)
     deviations = np.empty(radius.shape)
     for row in range(len(radius)):
-        seen = np.angle(points[row])
-        order = np.argsort(seen)
-        radii[row] = np.interp(angle, seen[order], np.abs(points[row][order]), period=2.0 * np.pi)
-        deviations[row] = np.interp(angle, seen[order], across[row][order], period=2.0 * np.pi)
+        seen = np.unwrap(np.angle(points[row]))
+        twice = np.append(seen, seen + 2.0 * np.pi)
+        # Where a curve goes back, seen from the origin, the nearest of its ways there and back counts.
+        is_ahead = twice >= np.maximum.accumulate(twice)
+        is_behind = twice <= np.minimum.accumulate(twice[::-1])[::-1]
+        radii[row] = np.inf
+        for is_kept in (is_ahead[len(seen) :], is_behind[: len(seen)]):
+            distance = np.interp(angle, seen[is_kept], np.abs(points[row][is_kept]), period=2.0 * np.pi)
+            deviation = np.interp(angle, seen[is_kept], across[row][is_kept], period=2.0 * np.pi)
+            deviations[row] = np.where(distance < radii[row], deviation, deviations[row])
+            radii[row] = np.minimum(distance, radii[row])
     return radii, deviations
