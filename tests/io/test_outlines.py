@@ -36,6 +36,9 @@ def test_names_and_lengths():
     assert load_shape("disc") == load_shape("Disc") == Disc(0.088)
     assert load_shape("0.09x0.06") == load_shape("0.09X0.06") == Rectangle(0.09, 0.06)
     assert load_shape("90x60", unit="mm") == load_shape("90mmx60mm") == load_shape("9cmX6cm") == Rectangle(0.09, 0.06)
+    assert load_shape("90 mm x 60 mm") == load_shape("0.09 x 0.06") == Rectangle(0.09, 0.06)
+    with pytest.raises(SettingError, match="shape is ''; allowed are disc"):
+        load_shape("")
 
 
 @pytest.mark.parametrize(
