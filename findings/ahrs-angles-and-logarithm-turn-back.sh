@@ -1,14 +1,14 @@
 #!/bin/sh
 # ahrs 0.4.0: of a rotation matrix, roll, pitch and yaw and the logarithm are those of the rotation back.
 #
-# `DCM.to_rpy` and `to_angles`, "roll-pitch-yaw angles from DCM", read the transposed matrix, as frames that are turned in
-# place of vectors have it, while `DCM(z=angle)`, `DCM(q=...)` and `Quaternion.to_DCM` make matrices that turn vectors.
-# So the yaw of a hand about the vertical has the other sign, and tilted ones other angles too. `Quaternion.to_angles` of
-# the same rotation is right. `DCM(rpy=...)` takes the three numbers as yaw, pitch and roll, as a note at the class says,
-# and `Quaternion(rpy=...)` as roll, pitch and yaw. `DCM.log` is documented as "the inverse of the exponential map": it is
-# that of the transposed matrix. (Mayitzin/ahrs#122 shows scipy's beside it, and was closed when the angle was right.)
-# Seen: of yaw 30, pitch 20, roll 10 degrees `DCM.to_rpy` makes yaw -28.5, pitch -22.2, roll 1.1, and of yaw 30 alone -30;
-# a DCM made of three angles returns three others; the exponential of the logarithm is the transposed matrix.
+# `DCM.to_rpy` and `to_angles`, "roll-pitch-yaw angles from DCM", read the transposed matrix, as those do who turn frames
+# in place of vectors; but `DCM(z=angle)`, `DCM(q=...)` and `Quaternion.to_DCM` make matrices that turn vectors. So the
+# yaw of a hand about the vertical has the other sign, and tilted ones other angles too. `Quaternion.to_angles` of the
+# same rotation is right. `DCM(rpy=...)` takes its three numbers as yaw, pitch and roll, as a note at the class says,
+# `Quaternion(rpy=...)` as roll, pitch and yaw. `DCM.log` is documented as "the inverse of the exponential map", and is
+# that of the transposed matrix. (Mayitzin/ahrs#122 shows scipy's beside it; it was closed when the angle was right.)
+# Seen: of yaw 30, pitch 20, roll 10 degrees `DCM.to_rpy` makes yaw -28.5, pitch -22.2, roll 1.1, and of yaw 30 alone
+# -30; a DCM made of three angles returns three others; the exponential of the logarithm is the transposed matrix.
 set -eu
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
@@ -37,7 +37,8 @@ print("Quaternion.to_angles", by_quaternion.round(1))
 print("DCM.to_rpy          ", by_matrix.round(1), "of yaw 30 alone: yaw", yaw_alone.round(1))
 print("DCM(rpy=10, 20, 30).to_rpy()", back.round(1))
 again = expm(matrix.log)
-print("exp(log) is off by %.2f, and from the transposed by %.0e" % (abs(again - matrix).max(), abs(again - matrix.T).max()))
+off = abs(again - matrix).max()
+print(f"exp(log) is off by {off:.2f}, and from the transposed matrix by {abs(again - matrix.T).max():.0e}")
 assert np.allclose(by_quaternion, RIGHT), "the reference has changed"
 assert np.allclose(yaw_alone, -30.0) and abs(by_matrix[2] + 28.45) < 0.1, "behaviour has changed: DCM.to_rpy"
 assert abs(back - RIGHT).max() > 30.0, "behaviour has changed: the angles of DCM(rpy=...) come back"

@@ -2,10 +2,10 @@
 # svgelements 1.9.6: a circle that is sheared, or a turned ellipse that is stretched, is drawn as another curve.
 #
 # By SVG 2 and CSS Transforms 1 a shape under a transform is the image of all its points, as every browser draws it. The
-# library keeps the centre and the ends of the two axes of an ellipse, moves these three points, and takes the result for
-# axes of the new ellipse. They are so only if they are still at right angles: not after a shear, as of a part that is
-# drawn in a slanting view, nor if a group that is stretched along one side holds an ellipse that is turned. Curves are
-# right if they are Bezier curves. svgpathtools 1.8.0 draws both of these rightly.
+# library keeps the centre and the ends of the two axes of an ellipse, moves these three points, and takes the result
+# for axes of the new ellipse. They are so only if they are still at right angles: not after a shear, as of a part that
+# is drawn in a slanting view, nor if a group that is stretched along one side holds an ellipse that is turned. Curves
+# are right if they are Bezier curves. svgpathtools 1.8.0 draws both of these rightly.
 # Seen: a circle of 60 mm that is sheared by 45 degrees is 60.0 mm wide and 84.9 mm high in place of the reverse, and a
 # turned ellipse of 60 x 20 mm that is stretched to double height is up to 4 mm off.
 set -eu
