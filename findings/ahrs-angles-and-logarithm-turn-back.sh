@@ -1,7 +1,7 @@
 #!/bin/sh
 # ahrs 0.4.0: of a rotation matrix, roll, pitch and yaw and the logarithm are those of the rotation back.
 #
-# `DCM.to_rpy` and `to_angles`, "roll-pitch-yaw angles from DCM", read the transposed matrix, as those do who turn frames
+# `DCM.to_rpy` and `to_angles`, "roll-pitch-yaw angles from DCM", read the transposed matrix, as those do who turn axes
 # in place of vectors; but `DCM(z=angle)`, `DCM(q=...)` and `Quaternion.to_DCM` make matrices that turn vectors. So the
 # yaw of a hand about the vertical has the other sign, and tilted ones other angles too. `Quaternion.to_angles` of the
 # same rotation is right. `DCM(rpy=...)` takes its three numbers as yaw, pitch and roll, as a note at the class says,
