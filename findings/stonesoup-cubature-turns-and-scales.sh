@@ -57,7 +57,8 @@ for degrees in (0.0, 90.0, 180.0):
     moved[degrees], variance = across(CubatureKalmanUpdater, degrees)
     peer, _ = across(UnscentedKalmanUpdater, degrees)
     way = 1e3 * moved[degrees]
-    print(f"{degrees:.0f} degrees: moved by {way:.0f} mm, unscented {1e3 * peer:.0f}; of 0.01 m^2 are left {variance:.4f}")
+    left = f"of 0.01 m^2 are left {variance:.4f}"
+    print(f"{degrees:.0f} degrees: moved by {way:.0f} mm, unscented {1e3 * peer:.0f}; {left}")
     assert abs(peer - 0.0455) < 1e-3, "the reference has changed"
 assert abs(moved[0.0] - 0.0455) < 1e-3 and abs(moved[90.0] - 0.0455) < 1e-3, "the reference has changed"
 assert abs(moved[180.0]) < 0.01, "behaviour has changed: bearings near half a turn are used"
