@@ -225,7 +225,7 @@ CIRCLE = '<circle cx="50" cy="50" r="30" transform="skewX(45)"/>'
 def test_curves_of_an_svg_that_are_sheared_or_stretched(drawn, extent, area):
     """An ellipse keeps its area under a shear; stretched about a turned axis it is another ellipse."""
     found = load_shape(svg(drawn, 'width="300mm" height="300mm" viewBox="0 0 300 300"'))
-    assert 1e3 * np.ptp(found.corners, axis=0) == pytest.approx(extent, abs=0.1)
+    assert 1e3 * np.ptp(found.outline(), axis=0) == pytest.approx(extent, abs=0.1)
     assert 1e6 * found.area == pytest.approx(area, rel=2e-3)
 
 
