@@ -52,6 +52,10 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
 
     Raises FileError.
     """
+    if hasattr(value, "read"):
+        raise FileError(
+            f"{name}: is an open file, {type(value).__name__}; give what it holds, as its read() returns it"
+        )
     try:
         if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             return _without_mask(name, value)
@@ -61,8 +65,10 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
     except (TypeError, RuntimeError) as error:  # tensors in a list, or those of another library
         raise FileError(f"{name}: is no array of NumPy, nor can it be made one ({one_line(error)})") from error
     if array.dtype.kind == "O" and array.ndim:
-        with suppress(TypeError, ValueError):  # of anything but numbers and None
-            return array.astype(np.float64)
+        # Nanoseconds have more digits than a float.
+        are_whole = array.size > 0 and all(isinstance(each, Integral) for each in array.flat)
+        with suppress(TypeError, ValueError, OverflowError):  # of anything but numbers and None
+            return array.astype(np.int64 if are_whole else np.float64)
     return array
 
 

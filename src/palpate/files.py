@@ -76,9 +76,11 @@ def in_file(path: Path | str) -> Iterator[None]:
 
 
 def begins_with(path: Path, first: bytes) -> bool:
-    """Return true if there is a file at the path, and it begins with these bytes."""
-    with suppress(OSError), path.open("rb") as file:
-        return file.read(len(first)) == first
+    """Return true if there is a file at the path, no pipe, and it begins with these bytes."""
+    with suppress(OSError):
+        if path.is_file():  # a pipe would be waited for, and lose what is read
+            with path.open("rb") as file:
+                return file.read(len(first)) == first
     return False
 
 

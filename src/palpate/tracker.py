@@ -1,5 +1,6 @@
 """The tracker: one frame in, one estimate out."""
 
+import copy
 import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -90,6 +91,10 @@ class Tracker:
         self._makes_frame = isinstance(shape, Unknown)
         self._filter = self._sensors.estimator(self._first)
         self._sensors.begin(self._first.pose, self._first.covariance)
+
+    def __copy__(self) -> "Tracker":
+        """Return a copy that shares nothing with the tracker, so that either can go on alone."""
+        return copy.deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state of copies and pickles, which have a lock of their own."""

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -234,8 +235,10 @@ def test_a_run_that_cannot_be_written_leaves_the_old_one(fails, json_of, monkeyp
         (["push.mcap", "--shape", "disc"], "push.mcap: is no bag but a recording"),
         ([__file__, "--shape", "disc"], "is in no known format"),
         (["/dev/zero"], "/dev/zero: is a pipe or a device, expected a file"),
+        (["pipe.mcap"], "pipe.mcap: is a pipe or a device, expected a file"),
     ],
 )
 def test_bad_input_is_one_line(fails, options, message):
+    os.mkfifo("pipe.mcap")  # which nobody writes to
     assert message in fails("track", *options)
     assert not Path("runs").exists()

@@ -234,7 +234,11 @@ FORKED = few_images() + still("base left", "base right")
         (TWO_POSES, {"sensor_poses": "/ee"}, "has no source of poses '/ee'; there are /ee_pose, /object; name one"),
         (TWO_POSES, {"images": "/camera"}, "has no image topic '/camera'; there are /digit/image/compressed; name"),
         (poses(), {}, "has no image topic; there are none of a type that is read"),
-        (few_images(), {}, "has no source of poses; there are none of"),
+        (
+            few_images(),
+            {},
+            "has no source of poses; there are none of a type that is read, which are .* PoseStamped and",
+        ),
         (FORKED, {}, "more than one source of poses; there are base:left, base:right; .* --sensor-poses .* PARENT:"),
         (FORKED + still("map tag"), {}, "there are base:left, base:right, map:tag; frames of transforms are base"),
         (

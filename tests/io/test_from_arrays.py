@@ -130,6 +130,12 @@ def test_times_in_nanoseconds_are_integers(scale):
     same(made(image_time=times[0], pose_time=times[1]).sensor_pose, true_pose(IMAGE_TIME), within=1e-6)
 
 
+def test_times_are_whole_numbers_as_objects():
+    """As a table that holds words too gives its columns."""
+    times = [(1_700_000_000_000_000_000 + each * 1e9).astype(int).astype(object) for each in (IMAGE_TIME, POSE_TIME)]
+    same(made(image_time=times[0], pose_time=times[1]).sensor_pose, true_pose(IMAGE_TIME), within=1e-6)
+
+
 def test_times_are_dates_or_durations_of_python():
     start = datetime(2026, 5, 1, 12, 0, tzinfo=UTC)
     in_seconds = made().sensor_pose
@@ -406,6 +412,7 @@ LINE = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 2.0, 0.0])
             {"images": [cv2.imencode(".png", np.full((12, 8), 999, np.uint16))[1].tobytes()] * 20},
             "image 0: is grey in 16 bits",
         ),
+        ({"images": [io.BytesIO(b"GIF89a")] * 20}, "images: image 0: pixels: is an open file, BytesIO; give what it"),
         ({"images": [b"GIF89a"] * 20}, "images: image 0: its 6 bytes do not decode as JPEG or PNG"),
         ({"codec": "gif", "images": tiny_images(20)}, "codec: found 'gif', allowed are 'jpeg' and 'png'"),
         ({"images": "images/"}, "images: found 'images/', expected N arrays"),

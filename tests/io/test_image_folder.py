@@ -192,6 +192,14 @@ def test_files_that_would_shift_the_others_are_named(folder, fails):
         Path("img", name).unlink()
 
 
+def test_images_that_are_there_as_png_and_as_jpeg_are_named(folder, fails):
+    write_table("ee.csv", "", with_times(seven()))
+    for number in range(COUNT):
+        image = Path(f"img/frame_{number}.png")
+        image.rename(f"img/{START + number}000000000.png").with_suffix(".jpg").write_bytes(encoded(touch_images(1)[0]))
+    assert f"holds {START}000000000 with two suffixes" in refused(fails, "--poses", "ee.csv")
+
+
 def test_times_in_names_that_go_back_are_named(folder, fails):
     for number in range(COUNT):
         Path(f"img/frame_{number}.png").rename(f"img/12-{number // 6:02d}-{(59.8 + number / 30) % 60:06.3f}.png")
@@ -208,6 +216,22 @@ def test_paths_of_another_system_are_found(folder, run_palpate):
 
 def test_a_pose_for_each_image(folder, run_palpate):
     write_table("ee.csv", "x,y,theta", true_pose(IMAGE_TIME).tolist())
+    same_push(convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv"))
+
+
+@pytest.mark.parametrize("name", ["ts", "timestamps", "datetime", "log_ts_ns"])
+def test_a_pose_for_each_image_has_a_time_of_its_own(folder, run_palpate, name):
+    """As many poses as images, which were recorded 30 ms later."""
+    time = IMAGE_TIME - 0.03
+    rows = [(int((START + each) * 1e9), *pose) for each, pose in zip(time, true_pose(time).tolist(), strict=True)]
+    write_table("ee.csv", f"{name},x,y,theta", rows)
+    recording = convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv")
+    assert np.abs(recording.sensor_pose - true_pose(IMAGE_TIME[: len(recording)])).max() < 2e-6
+
+
+def test_a_column_that_counts_is_no_time(folder, run_palpate):
+    poses = [(number, 2 * number, *pose) for number, pose in enumerate(true_pose(IMAGE_TIME).tolist())]
+    write_table("ee.csv", "row,frame,x,y,theta", poses)
     same_push(convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv"))
 
 
@@ -259,6 +283,7 @@ BAD = {
         "roll reaches 180 degrees",
     ),
     "minutes": ("time (min),x,y,theta", with_times(true_pose(POSE_TIME)), "time_min"),
+    "times of an unknown name": ("epoch,x,y,theta", with_times(true_pose(POSE_TIME)), "epoch' rises from row to row"),
     "names of other columns": ("time,x,y", with_times(true_pose(POSE_TIME)), "4 columns below the 3 names"),
 }
 

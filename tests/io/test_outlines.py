@@ -36,6 +36,9 @@ def test_names_and_lengths():
     assert load_shape("disc") == load_shape("Disc") == Disc(0.088)
     assert load_shape("0.09x0.06") == load_shape("0.09X0.06") == Rectangle(0.09, 0.06)
     assert load_shape("90x60", unit="mm") == load_shape("90mmx60mm") == load_shape("9cmX6cm") == Rectangle(0.09, 0.06)
+    assert load_shape("90 mm x 60 mm") == load_shape("0.09 x 0.06") == Rectangle(0.09, 0.06)
+    with pytest.raises(SettingError, match="shape is ''; allowed are disc"):
+        load_shape("")
 
 
 @pytest.mark.parametrize(
@@ -199,6 +202,31 @@ def test_drawings_that_are_packed_or_of_another_program(tmp_path):
     (tmp_path / "wide.txt").write_bytes("0\t0\n0.06\t0\n0.06\t0.04\n".encode("utf-16-le"))
     with pytest.raises(FileError, match=r"wide\.txt: is not a text file"):
         load_shape(tmp_path / "wide.txt")
+
+
+END = "42.4264,42.4264"  # of the longer axis
+CIRCLE = '<circle cx="50" cy="50" r="30" transform="skewX(45)"/>'
+
+
+@pytest.mark.parametrize(
+    ("drawn", "extent", "area"),
+    [
+        (CIRCLE, (60 * 2**0.5, 60), 900 * np.pi),
+        ('<rect width="90" height="60" rx="20" transform="skewY(45)"/>', (90, 126.57), 5400 - 400 * (4 - np.pi)),
+        ('<g transform="scale(1,2)"><ellipse rx="30" ry="10" transform="rotate(45)"/></g>', (44.7, 89.4), 600 * np.pi),
+        (f'<path d="M0,0 A30,10 45 1 1 {END} A30,10 45 1 1 0,0" transform="scale(-1,2)"/>', (44.7, 89.4), 600 * np.pi),
+        (
+            f'<clipPath id="c">{CIRCLE}</clipPath><rect width="300" height="300" clip-path="url(#c)"/>',
+            (84.9, 60),
+            2827.4,
+        ),
+    ],
+)
+def test_curves_of_an_svg_that_are_sheared_or_stretched(drawn, extent, area):
+    """An ellipse keeps its area under a shear; stretched about a turned axis it is another ellipse."""
+    found = load_shape(svg(drawn, 'width="300mm" height="300mm" viewBox="0 0 300 300"'))
+    assert 1e3 * np.ptp(found.outline(), axis=0) == pytest.approx(extent, abs=0.1)
+    assert 1e6 * found.area == pytest.approx(area, rel=2e-3)
 
 
 def test_hidden_parts_and_blanks_in_an_svg(caplog):

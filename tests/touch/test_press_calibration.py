@@ -240,6 +240,8 @@ def test_places_measure_the_scale_however_narrow_and_a_ruler_goes_with_them(tmp_
     plain = json.loads(run_palpate(*words, "--out", tmp_path / "a.npz", "--json")[1])
     assert plain["scale"] == pytest.approx(18.0 / 16.0, abs=0.1) and plain["pixel_pitch_mm"] is None
     assert plain["offset_sigma_deg"] is None and 0.06 < plain["scale_sigma"] < 0.2
+    said = " ".join(run_palpate(*words, "--out", tmp_path / "a.npz")[1].split())
+    assert "the view and the scale of directions are known; angles would tell their offset" in said
     ruled = json.loads(
         run_palpate(*words, "--out", tmp_path / "b.npz", "--ruler", "6mm", tmp_path / "two.png", "--json")[1]
     )

@@ -156,7 +156,7 @@ def test_a_gap_in_time_ends_a_contact(smoother):
     assert compared == [2, 1]
 
 
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
 def test_a_copy_goes_on_as_the_tracker_does(copied):
     o, e, contact = in_two_contacts("rectangle", 20)
     seen = frames(o, e, contact)

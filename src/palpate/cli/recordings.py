@@ -344,7 +344,7 @@ def calibrate(
     if presses:
         calibration, of_presses = _by_presses(presses, look, calibration, profile, reader, markers == "auto")
         numbers |= of_presses
-        notes.append(_certainty_in_words(of_presses))
+        notes.append(_certainty_in_words(of_presses, calibration.direction.scale_sigma is not None))
         notes.append("Presses find left and right only; up and down may be wrong.")
     if figure:
         calibration, of_pushes, unknown = _by_pushes(pushed, calibration, reader, figure)
@@ -513,13 +513,15 @@ def certainty(calibration: "palpate.Calibration", profile: "palpate.SensorProfil
     return {"calibrated_to_deg": degrees(hypot(direction.offset_sigma, direction.scale_sigma * angle))}
 
 
-def _certainty_in_words(numbers: dict[str, Any]) -> str:
-    """Return the sigma that a calibration has after its presses."""
+def _certainty_in_words(numbers: dict[str, Any], is_scale_known: bool) -> str:
+    """Return the sigma that a calibration has after its presses, which may have told the scale of directions."""
     count = numbers["presses"]
     if "calibrated_to_mm" in numbers:
         known = f"places to {numbers['calibrated_to_mm']:.2f} mm (1 sigma)"
     elif "calibrated_to_deg" in numbers:
         known = f"directions to {numbers['calibrated_to_deg']:.1f} degrees (1 sigma)"
+    elif is_scale_known:  # by places on a round gel
+        return f"After {count} presses the view and the scale of directions are known; angles would tell their offset."
     else:
         return f"After {count} presses the view is known; places or angles would tell errors of directions, too."
     return f"After {count} presses, half-way to the side, {known} but for the noise of an image."

@@ -6,6 +6,7 @@ PNG and JPEG files go into the recording byte by byte; only those that have to b
 import logging
 import re
 import shlex
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -101,6 +102,7 @@ def _files_and_times(
                 "%s: the first image is taken to be as old as the first pose; --time-offset moves it", folder
             )
         return files, start + np.round(_counted(files) * (1e9 / tables.rate)).astype(np.int64)
+    _check_one_suffix(files)
     stamps = times_of_names(files, tables.time_unit)
     if stamps is not None:
         order = np.argsort(stamps, kind="stable")
@@ -153,12 +155,8 @@ def _counted(files: Sequence[Path]) -> Times:
 
 def _check_alike(files: Sequence[Path]) -> None:
     """Raise FileError if a name, but for its number, is unlike those of most others, or is there with two suffixes."""
+    _check_one_suffix(files)
     stems = [path.stem for path in files]
-    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
-    if twice is not None:
-        raise FileError(
-            f"{files[0].parent}: holds {twice} with two suffixes; which one is the image? Move the other away"
-        )
     patterns = [re.sub(r"\d+", "0", stem) for stem in stems]
     usual = max(set(patterns), key=patterns.count)
     odd = [path.name for path, pattern in zip(files, patterns, strict=True) if pattern != usual]
@@ -166,6 +164,15 @@ def _check_alike(files: Sequence[Path]) -> None:
         raise FileError(
             f"{files[0].parent}: {odd[0]} is named unlike the other {len(files) - len(odd)} images, and would count as "
             "one of them: move it away, or give --image-times"
+        )
+
+
+def _check_one_suffix(files: Sequence[Path]) -> None:
+    """Raise FileError if a name is there with two suffixes."""
+    (twice, count) = Counter(path.stem for path in files).most_common(1)[0]
+    if count > 1:
+        raise FileError(
+            f"{files[0].parent}: holds {twice} with two suffixes; which one is the image? Move the other away"
         )
 
 

@@ -47,7 +47,7 @@ def read_svg(path: Path, scale: float | None, unit_advice: str) -> Drawing:
         if re.search(rb"\bmask\s*[:=]|\btransform-origin\s*[:=]", data):
             logger.warning("%s: masks and origins of transforms are not applied", path)
         _check_styles(b"".join(_STYLE.findall(data)).decode(errors="replace"))
-        page = svgelements.SVG.parse(io.BytesIO(_readable_svg(data)), ppi=METRES["in"] / _PIXEL)
+        page = svgelements.SVG.parse(io.BytesIO(_readable_svg(data)), reify=False, ppi=METRES["in"] / _PIXEL)
         drawing = Drawing()
         _add_seen(drawing, page, page)
         size = abs(svgelements.Matrix(page.viewbox_transform or "").a) or 1.0
@@ -213,11 +213,16 @@ def _unit(page: Any, advice: str) -> float:
 
 
 def _svg_lines(shape: Any) -> list[Array]:
-    """Return points (n, 2) along each unbroken line of a shape."""
-    from svgelements import Close, Line, Move, Path
+    """Return points (n, 2) along each unbroken line of a shape.
+
+    Its transform is applied to points: see findings/svgelements-sheared-and-stretched-ellipses.sh.
+    """
+    from svgelements import Close, Line, Matrix, Move, Path
 
     path = Path(shape)
-    path.reify()
+    matrix = path.transform
+    path.transform = Matrix()
+    linear = np.array([[matrix.a, matrix.b], [matrix.c, matrix.d]])
     lines: list[Array] = []
     for subpath in map(Path, path.as_subpaths()):
         points: list[Any] = []
@@ -226,5 +231,6 @@ def _svg_lines(shape: Any) -> list[Array]:
                 continue
             count = 2 if isinstance(segment, Line | Close) else 65
             points.append(segment.npoint(np.linspace(0.0, 1.0, count)))
-        lines.append(np.array(np.vstack(points) if points else [], np.float64).reshape(-1, 2))
+        places = np.array(np.vstack(points) if points else [], np.float64).reshape(-1, 2)
+        lines.append(places @ linear + (matrix.e, matrix.f))
     return lines

@@ -61,7 +61,7 @@ def load_shape(source: str | Path, unit: Unit | None = None, layer: str | None =
         return SHAPES[known_name]
     scale = None if unit is None else METRES[unit]
     sides, scale = _sides_of(name.lower(), scale)
-    if len(sides) != 2 and not (path.exists() or "/" in name or path.suffix[1:2].isalpha()):
+    if len(sides) != 2 and not ((name and path.exists()) or "/" in name or path.suffix[1:2].isalpha()):
         raise SettingError(
             f"shape is {name!r}; allowed are {', '.join(SHAPES)}, two lengths such as 0.09x0.06 [m] or 90mmx60mm, or a "
             "file of an outline"
@@ -88,7 +88,7 @@ def load_shape(source: str | Path, unit: Unit | None = None, layer: str | None =
 
 def _sides_of(name: str, scale: float | None) -> tuple[list[float], float | None]:
     """Return two lengths as in 0.09x0.06 or 90mmx60mm, none in other names, and the length of their unit [m]."""
-    match = re.fullmatch(r"([\d.]+)(mm|cm|in|m)x([\d.]+)\2", name)
+    match = re.fullmatch(r"([\d.]+)(mm|cm|in|m)x([\d.]+)\2", name.replace(" ", ""))
     if match is None:
         sides = numbers_of(name.split("x")) or []
         return sides, scale

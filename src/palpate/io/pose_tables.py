@@ -20,7 +20,7 @@ from palpate.arrays import Array, Flags, Times
 from palpate.checks import METRES, TURNS, other_unit
 from palpate.errors import FileError
 from palpate.files import column_name, in_file, read_text, table_rows
-from palpate.io.table_rows import Table, is_clock, rows_in_order, with_numbers_for_clocks
+from palpate.io.table_rows import Table, are_even, is_clock, rows_in_order, with_numbers_for_clocks
 from palpate.io.time_order import UNKNOWN, are_few
 from palpate.types.choices import TableChoices, TimeUnit
 from palpate.types.space import MOST_WRONG, STEEPEST
@@ -35,7 +35,7 @@ _TIME_WORDS: dict[str, TimeUnit] = {
     **dict.fromkeys(("us", "usec", "usecs", "micros", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanoseconds", "nanosec"), "ns"),
 }
-_TIME = re.compile(rf"(?:.*_)?(?:time|times|timestamp|stamp|t)(?:_({'|'.join(_TIME_WORDS)}))?")
+_TIME = re.compile(rf"(?:.*_)?(?:time|times|timestamp|timestamps|datetime|stamp|ts|t)(?:_({'|'.join(_TIME_WORDS)}))?")
 _PLACE = re.compile(r"(?:.*_)?(?:t|p|pos)?([xyz])(?:_(mm|cm|m|in))?")
 _QUATERNION = re.compile(r"(?:.*_)?(?:q|q_rs|quat|quaternion|orientation|rotation|rot)_?([xyzw])")
 _TILT = re.compile(r"(?:.*_)?(?:roll|pitch)(?:_(rad|deg|degrees))?")
@@ -43,6 +43,7 @@ _ANGLE = re.compile(r"(?:.*_)?(?:theta|yaw|heading)(?:_(rad|deg|degrees))?")
 _OTHER = re.compile(
     r"(?:.*_)?(?:vel|velocity|twist|linear|angular|acc|force|torque|wrench|cov|covariance|goal|target)_.*"
 )
+_COUNT = re.compile(r"(?:.*_)?(?:frame|index|idx|seq|id|number|count|step|row)")
 _UNIT_WORDS = ("", *_TIME_WORDS, *METRES, "rad", "deg", "degrees")
 """Units of columns; "" for none."""
 _NUMBERED = re.compile(r"(.*?)_?(\d\d?)")
@@ -379,9 +380,26 @@ def _time_column(table: Table) -> tuple[int | None, TimeUnit | None]:
     if chosen is None and unknown:
         raise FileError(f"times are named {unknown[0]}; known units are s, ms, us and ns, as in time_ms")
     if chosen is None:
+        _check_no_other_time(table)
         return None, None
     match = _TIME.fullmatch(table.names[chosen])
     return chosen, _TIME_WORDS[match[1]] if match and match[1] else None
+
+
+def _check_no_other_time(table: Table) -> None:
+    """Raise FileError if a column whose name says nothing rises in even steps, as times do, and does not count rows."""
+    known = (_PLACE, _QUATERNION, _ANGLE, _TILT, _OTHER, _COUNT)
+    for index, name in enumerate(table.names):
+        if any(pattern.fullmatch(name) for pattern in known) or len(table.cells) < 3:
+            continue
+        if not all(_is_number(word) for word in table.column(index)):
+            continue
+        steps = np.diff(table.numbers([index])[:, 0])
+        if (steps > 0.0).all() and not (steps == 1.0).all() and are_even(steps):
+            raise FileError(
+                f"no column is named time, and {name or 'one without a name'!r} rises from row to row: name it time if "
+                "it holds the times, else leave it out"
+            )
 
 
 def _times(table: Table, column: int, unit: TimeUnit | None) -> tuple[Times, TimeUnit]:

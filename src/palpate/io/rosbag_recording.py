@@ -36,6 +36,14 @@ LONGEST_DELAY = 0.1
 """[s] Largest difference of the times that messages of two streams take to be recorded."""
 
 
+_READ = {
+    "image topic": "sensor_msgs Image and CompressedImage, foxglove RawImage and CompressedImage",
+    "topic of contact flags": "std_msgs Bool",
+    "source of poses": "geometry_msgs PoseStamped and PoseWithCovarianceStamped, foxglove PoseInFrame, and transforms",
+}
+"""Kinds of topics, and the types of their messages that are read."""
+
+
 class BagReading(NamedTuple):
     """A bag that was read as a recording."""
 
@@ -279,15 +287,17 @@ def _only(bag: Contents, kind: str, names: list[str], chosen: str | None, option
     """Return the chosen name, or the only one of some. Raises FileError that lists them."""
     if chosen in names or (chosen is None and len(names) == 1):
         return chosen or names[0]
-    others = ", ".join(f"{channel.topic} of {channel.type}" for channel in bag.topics if not channel.is_read)
-    candidates = ", ".join(names) or f"none of a type that is read, but {others or 'no others'}"
     problem = f"has {'more than one' if names else 'no'} {kind}"
     if not names and "PARENT:" in option and _contradiction(bag):
         raise FileError(f"{problem}, as {_contradiction(bag)}")
     if chosen:
         problem = f"has no {kind} {chosen!r}"
     frames = _frames(bag) if "PARENT:" in option else ""
-    raise FileError(f"{problem}; there are {candidates}{frames}; name one by {option}")
+    if names:
+        raise FileError(f"{problem}; there are {', '.join(names)}{frames}; name one by {option}")
+    others = ", ".join(f"{channel.topic} of {channel.type}" for channel in bag.topics if not channel.is_read)
+    unread = f"; not read are {others}" if others else ""
+    raise FileError(f"{problem}; there are none of a type that is read, which are {_READ[kind]}{frames}{unread}")
 
 
 def likely_choices(bag: Contents, choices: BagChoices) -> BagChoices:

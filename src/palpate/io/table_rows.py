@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +105,12 @@ def _nanoseconds_of(match: re.Match[str], path: Path) -> int:
     return whole * 10**9 + int((match["part"] or "").ljust(9, "0"))
 
 
+def are_even(steps: NDArray[Any], least: float = _EVEN) -> bool:
+    """Return true if a share of steps (N,), of `least` or more, are alike, as those of times of one stream."""
+    usual = float(np.median(steps))
+    return float(np.mean((steps > 0.5 * usual) & (steps < 1.5 * usual))) >= least
+
+
 def rows_in_order(path: Path, cells: Sequence[Sequence[str]], stamps: Times) -> NDArray[np.intp]:
     """Return the numbers of rows at times (N,) [ns] without those that are there twice, in the order of time.
 
@@ -120,10 +126,7 @@ def rows_in_order(path: Path, cells: Sequence[Sequence[str]], stamps: Times) -> 
     if not back or (known == UNKNOWN).any():
         return numbers
     order = np.argsort(known, kind="stable")
-    steps = np.diff(known[order])
-    usual = float(np.median(steps))
-    even = float(np.mean((steps > 0.5 * usual) & (steps < 1.5 * usual)))
-    if even < (1.0 if are_few(back, len(known)) else _EVEN):
+    if not are_even(np.diff(known[order]), 1.0 if are_few(back, len(known)) else _EVEN):
         return numbers
     logger.warning("%s: rows are not in the order of time and are sorted", path)
     return numbers[order]
