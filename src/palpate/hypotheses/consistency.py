@@ -72,10 +72,13 @@ class ConsistencyMonitor:
 
         `touched` is its last pose in contact (3,) or (B, 3).
         """
-        gaps, by_belief = clearances(rows.belief, tip.model, np.stack([tip.pose, touched], axis=-2))
+        poses = np.empty((*tip.pose.shape[:-1], 2, 3))
+        poses[..., 0, :] = tip.pose
+        poses[..., 1, :] = touched
+        gaps, by_belief = clearances(rows.belief, tip.model, poses)
         now = gaps[:, 0]
         before = gaps[:, 1]
-        if (now >= np.maximum(before, 0.0)).all():
+        if np.count_nonzero(now >= np.maximum(before, 0.0)) == len(now):
             return rows
         by_belief[:, 1] -= by_belief[:, 0]
         variance = rows.belief.variances(by_belief)

@@ -51,7 +51,7 @@ def is_grey(image: Image | Levels) -> bool:
         return False
     sparse = sparse_pixels(image)
     # The first row tells at once of nearly all images with colours.
-    return all(bool((pixels[..., :1] == pixels[..., 1:]).all()) for pixels in (sparse[:1], sparse))
+    return not any(np.count_nonzero(pixels[..., 1:] != pixels[..., :1]) for pixels in (sparse[:1], sparse))
 
 
 def sparse_pixels(image: Pixels) -> Pixels:

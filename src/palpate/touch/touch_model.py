@@ -7,6 +7,7 @@ of a flat gel has place (1, 2) [cm] in place of the corner; one trained on press
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -162,7 +163,7 @@ class TouchModel:
         reading: Reading = {}
         for name, (mean, log_variance, *more) in zip(names, rows, strict=True):
             unit = 1e-2 if name == "place" else 1.0  # [m], as the network gives places in cm
-            variance = float(np.exp(min(log_variance, 700.0)))  # the log variance of a foreign network may be anything
+            variance = math.exp(min(log_variance, 700.0))  # the log variance of a foreign network may be anything
             reading[name] = (unit * mean, unit**2 * variance, *more)
         return reading
 

@@ -69,7 +69,7 @@ def propose_shove(rows: Hypotheses, alarms: Flags, step: int) -> Shove | None:
     They are added to the likeliest hypothesis that has a new alarm, and to the likeliest that takes images the other
     way. A contradiction of the less likely way to take images speaks against it, not for a disturbance.
     """
-    if not alarms.any():
+    if not np.count_nonzero(alarms):
         return None
     is_likely = rows.weight > LIKELY_WEIGHT
     is_settled = (rows.disturbed_steps_left == 0) & (step >= rows.next_alarm)
