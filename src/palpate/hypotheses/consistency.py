@@ -173,7 +173,7 @@ class ConsistencyMonitor:
         to_y = self._model.friction_center.imag
         x = xx - 2.0 * to_y * x_yaw + to_y**2 * yaw
         y = yy + 2.0 * to_x * y_yaw + to_x**2 * yaw
-        return math.sqrt(max(x, 0.0)), math.sqrt(max(y, 0.0)), math.sqrt(yaw)
+        return math.sqrt(max(x, 0.0)), math.sqrt(max(y, 0.0)), math.sqrt(max(yaw, 0.0))
 
     def _about_centroid(self, variances: Array) -> Array:
         """Return the covariance (..., 3, 3) of the pose by a motion with variances (..., 3) of the centroid."""
