@@ -159,7 +159,12 @@ def test_a_gap_in_time_ends_a_contact(smoother):
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
 def test_a_copy_goes_on_as_the_tracker_does(copied):
     o, e, contact = in_two_contacts("rectangle", 20)
-    seen = frames(o, e, contact)
+    turns = planar.between(o, e)[:, 2].tolist()
+    measured = [(Turn(turn, 1e-4),) if touched else () for turn, touched in zip(turns, contact, strict=True)]
+    seen = [
+        dataclasses.replace(frame, measurements=turn)
+        for frame, turn in zip(frames(o, e, contact), measured, strict=True)
+    ]
     tracker = Tracker(SHAPES["rectangle"], DIGIT, o[0])
     for frame in seen[:30]:
         tracker.update(frame)

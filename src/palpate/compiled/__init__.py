@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.compiled.kernels import Kernel
 
@@ -18,6 +19,8 @@ F = TypeVar("F", bound=Callable[..., object])
 # In NumPy's structure of an array, the address of its data follows what begins every object of Python. Compiled code
 # reads it there, as `array.ctypes.data` takes 1.3 us, of which a frame needs fifty.
 _TO_DATA = object.__basicsize__
+Putter = Callable[[Any, list[float]], None]
+"""A function that appends the numbers of an argument to a list."""
 EVERY: "list[Compiled]" = []
 """All compiled functions so far."""
 
@@ -56,30 +59,18 @@ class Compiled:
         """Options of Numba."""
         self.name = name
         """Name of its library, together with a hash."""
-        self._kept: tuple[object, list[float]] = (None, [])
+        self._putters = [_putter_of(each) for each in example]
         EVERY.append(self)
 
     def __call__(self, *arguments: Any) -> int:
         """Run it; other threads run meanwhile. Raises TypeError for arguments unlike the example's."""
         numbers: list[float] = []
-        for example, argument in zip(self.example, arguments, strict=True):
-            if hasattr(example, "_fields"):
-                numbers += self._numbers_of(example, argument)
-            else:
-                _flatten(example, argument, numbers)
+        for put, argument in zip(self._putters, arguments, strict=True):
+            put(argument, numbers)
         result = self.code(self._pack(*numbers))
         if result < 0:
             raise RuntimeError(f"the compiled function {self.name} failed")
         return result
-
-    def _numbers_of(self, example: Any, argument: Any) -> list[float]:
-        """Return the numbers of a named tuple, which are kept as the next call often has the same one."""
-        kept = self._kept  # read once, as another thread may replace it
-        if kept[0] is not argument:
-            kept = (argument, [])
-            _flatten(example, argument, kept[1])
-            self._kept = kept
-        return kept[1]
 
     def __reduce__(self) -> Any:
         """Return the name, by which a copy finds the same function, as code is not copied."""
@@ -96,7 +87,7 @@ class Compiled:
 
     @cached_property
     def code(self) -> Callable[[bytes], int]:
-        """The machine code: a function of C that takes the packed numbers of `_flatten`, and returns -1 if it failed.
+        """The machine code: a function of C that takes the packed numbers of arguments, and returns -1 if it failed.
 
         One argument of some hundred bytes is quicker than fifty numbers, of which ctypes takes each by itself.
         """
@@ -106,10 +97,10 @@ class Compiled:
 
     @cached_property
     def _pack(self) -> Callable[..., bytes]:
-        """Pack the numbers of `_flatten`, eight bytes each."""
+        """Pack the numbers of arguments, eight bytes each."""
         numbers: list[float] = []
-        for example in self.example:
-            _flatten(example, example, numbers)
+        for put, example in zip(self._putters, self.example, strict=True):
+            put(example, numbers)
         return struct.Struct("".join("d" if isinstance(number, float) else "q" for number in numbers)).pack
 
 
@@ -117,22 +108,50 @@ def _compiled_of(name: str) -> Compiled:
     return next(one for one in EVERY if one.name == name)
 
 
-def _flatten(example: Any, argument: Any, numbers: list[float]) -> None:
-    """Append the place of an array's address and its lengths, real and imaginary part of a complex number, or a number.
+def _putter_of(example: Any) -> Putter:
+    """Return the function that appends the numbers of an argument like an example.
 
-    The array must outlive the call.
+    They are the place of an array's address and its lengths, real and imaginary part of a complex number, or a number.
+    Arrays must outlive the call.
     """
     if isinstance(example, np.ndarray):
-        is_type = argument.dtype is example.dtype or argument.dtype == example.dtype  # structured types compare slowly
-        if not is_type or argument.ndim != example.ndim or not argument.flags.c_contiguous:
-            raise TypeError(f"an array has {argument.dtype}, {argument.strides}; the example has {example.dtype}")
-        numbers.append(id(argument) + _TO_DATA)
-        numbers.extend(argument.shape)
-    elif isinstance(example, tuple):
-        for part, given in zip(example, argument, strict=True):
-            _flatten(part, given, numbers)
-    elif isinstance(example, complex):
-        numbers.append(float(argument.real))
-        numbers.append(float(argument.imag))
-    else:
-        numbers.append(type(example)(argument))
+        return _putter_of_array(example)
+    if isinstance(example, tuple):
+        return _putter_of_tuple(example)
+    if isinstance(example, complex):
+        return lambda number, numbers: numbers.extend((float(number.real), float(number.imag)))
+    kind = type(example)
+    return lambda number, numbers: numbers.append(kind(number))
+
+
+def _putter_of_array(example: NDArray[Any]) -> Putter:
+    kind = example.dtype
+    axes = example.ndim
+
+    def put(array: NDArray[Any], numbers: list[float]) -> None:
+        is_kind = array.dtype is kind or array.dtype == kind  # structured types compare slowly
+        if not is_kind or array.ndim != axes or not array.flags.c_contiguous:
+            raise TypeError(f"an array has {array.dtype}, {array.strides}; the example has {kind}")
+        numbers.append(id(array) + _TO_DATA)
+        numbers.extend(array.shape)
+
+    return put
+
+
+def _putter_of_tuple(example: tuple[Any, ...]) -> Putter:
+    """Return the same for a tuple. The numbers of a named one are kept, as the next call often has the same one."""
+    putters = [_putter_of(part) for part in example]
+    is_named = hasattr(example, "_fields")
+    last: tuple[object, list[float]] = (None, [])
+
+    def put(parts: tuple[Any, ...], numbers: list[float]) -> None:
+        nonlocal last
+        of_last = last  # read once, as another thread may replace it
+        if of_last[0] is not parts:
+            of_last = (parts, [])
+            for put_part, part in zip(putters, parts, strict=True):
+                put_part(part, of_last[1])
+            last = of_last if is_named else (None, [])
+        numbers += of_last[1]
+
+    return put

@@ -110,7 +110,7 @@ def linked_in_memory(code: bytes, name: str) -> int:
 
 
 def _entry(compiled: "Compiled") -> Any:
-    """Return Numba's compiled function of C that takes the packed numbers of `palpate.compiled._flatten`."""
+    """Return Numba's compiled function of C that takes the packed numbers of `palpate.compiled.Compiled`."""
     arguments = _unpacking(compiled.example)
     function = _jit(compiled.function, compiled.options, _KernelCompiler)
 

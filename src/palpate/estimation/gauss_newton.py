@@ -44,18 +44,22 @@ def make_improve(model: Functions, records: RecordTypes, given: Given, name: str
         given: Given,
         recent: Integers,
         iterations: int,
-    ) -> None:
+    ) -> int:
         """Take Gauss-Newton steps of rows, in each of which so many `recent` steps (B,) are linearised every time.
 
-        A row with 0 of them keeps its solution; one that has converged or is lost gets 0. Steps are (N, B), after
+        A row with 0 of them keeps its solution; one that has converged or is lost gets 0. Returns the number of lost
+        rows. Steps are (N, B), after
         `left` that have left the window, rows (B,) and terms (T,); see `estimation.records`. A row takes so many
         iterations at most.
         """
+        lost = 0
         for b in range(len(rows)):
             if recent[b] > 0:
                 own_of_row = (own[0], own[1][b])
                 if not improve_row(steps[:, b], left, rows[b], terms, own_of_row, given, recent[b], iterations):
                     recent[b] = 0
+            lost += rows[b].is_lost
+        return lost
 
     return compiled(
         np.zeros((1, 1), records.step),

@@ -12,9 +12,9 @@ Scope = Literal["step", "contact", "object"]
 """Lifetime of a variable: one step, one contact, or the object and all its contacts."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Variable:
-    """One quantity that the graph estimates."""
+    """One quantity that the graph estimates; equal by value, as a copied tracker has copies of them."""
 
     name: str
     """Name in residuals, settings, messages and `OwnMeasurement.on`."""

@@ -30,6 +30,9 @@ REMEMBERED = 1000
 """Steps that left the window whose costs still count, half a minute: older ones are forgotten."""
 
 
+_NO_STEPS = np.empty(0, np.int64)
+
+
 class OwnMeasurements(Protocol):
     """Measurements that bring their own residual."""
 
@@ -64,6 +67,8 @@ class Window:
         self._count = 1
         self.rows: NDArray[np.void] = rows
         """State of each row, `estimation.records.row_type` (B,)."""
+        self.has_lost_rows = False
+        """True if a row has no solution since its last Gauss-Newton steps."""
         self._left = 0  # number of steps that have left the window
         self._left_costs = np.empty((len(rows), 0, 3))  # of steps that left the window
         self._terms = np.empty((0, compiled.term_size))
@@ -142,15 +147,16 @@ class Window:
         A row with 0 of them keeps its solution. Raises EstimationError where no row has a solution.
         """
         terms = self._terms.view(self._compiled.records.term)[:, 0]
-        steps_of_own = np.array([step for step, _ in self._own.given], np.int64)
+        steps_of_own = _NO_STEPS
         linear = np.empty((len(self.rows), 0, 0, 0))
         # Own measurements are evaluated in Python, once for each Gauss-Newton step.
         calls = ITERATIONS if self._own.given else 1
+        lost = 0
         for _ in range(calls):
             if self._own.given:
                 linear = self._own.evaluated(self._left, self._steps, self.rows["shared"])
                 steps_of_own = np.array([step for step, _ in self._own.given], np.int64)
-            self._compiled.improve(
+            lost = self._compiled.improve(
                 self._steps,
                 self._left,
                 self.rows,
@@ -160,9 +166,10 @@ class Window:
                 recent,
                 ITERATIONS // calls,
             )
-            if not np.count_nonzero(recent):
+            if calls > 1 and not np.count_nonzero(recent):
                 break
-        if np.count_nonzero(self.rows["is_lost"]) == len(self.rows):
+        self.has_lost_rows = lost > 0
+        if lost == len(self.rows):
             raise EstimationError("the linear system of the window is indeterminate")
 
     def _marginalise(self) -> None:
@@ -173,7 +180,10 @@ class Window:
         self._first += 1
         self._count -= 1
         self._left += 1
-        self._terms = self._terms[self._terms[:, 0].searchsorted(self._left) :]
+        leaving = 0  # they are few
+        while leaving < len(self._terms) and self._terms[leaving, 0] < self._left:
+            leaving += 1
+        self._terms = self._terms[leaving:]
 
 
 def _raw(records: NDArray[np.void]) -> NDArray[np.void]:

@@ -31,5 +31,5 @@ class HypothesisBank:
 
     def drop_lost(self) -> None:
         """Drop the hypotheses that have no solution."""
-        if self.window is not None and np.count_nonzero(self.window.rows["is_lost"]):
+        if self.window is not None and self.window.has_lost_rows:
             self.take(~self.window.rows["is_lost"])

@@ -7,6 +7,7 @@
 Disturbances are tested in `proposals/shove.py`, ambiguity and uncertainty in `posterior.py`.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -51,6 +52,7 @@ class ConsistencyMonitor:
     def __init__(self, model: ContactModel, settings: NoiseSettings, prior: ObjectPrior) -> None:
         self._model = model
         self._prior = prior
+        self._implausible = _IMPLAUSIBLE * prior.deviation  # distance of variables from their priors
         self._contact_deviation = settings.contact.deviation
         self._sensor_deviation = max(settings.sensor_pose.deviation[:2])  # [m]
         self.to_centroid = model.to_centroid
@@ -70,10 +72,13 @@ class ConsistencyMonitor:
 
         `touched` is its last pose in contact (3,) or (B, 3).
         """
-        gaps, by_belief = clearances(rows.belief, tip.model, np.stack([tip.pose, touched], axis=-2))
+        poses = np.empty((*tip.pose.shape[:-1], 2, 3))
+        poses[..., 0, :] = tip.pose
+        poses[..., 1, :] = touched
+        gaps, by_belief = clearances(rows.belief, tip.model, poses)
         now = gaps[:, 0]
         before = gaps[:, 1]
-        if (now >= np.maximum(before, 0.0)).all():
+        if np.count_nonzero(now >= np.maximum(before, 0.0)) == len(now):
             return rows
         by_belief[:, 1] -= by_belief[:, 0]
         variance = rows.belief.variances(by_belief)
@@ -127,10 +132,10 @@ class ConsistencyMonitor:
 
     def test_variables(self, rows: Hypotheses) -> Hypotheses:
         """Test that the object's variables are plausible; each of their standard deviations may hide one of contact."""
-        each = np.abs(self._unusual(rows))
-        if not np.count_nonzero(each > _IMPLAUSIBLE) and not np.count_nonzero(rows.contradictions):
+        is_implausible = np.abs(rows.belief.values - self._prior.mean) > self._implausible
+        if not np.count_nonzero(is_implausible) and not np.count_nonzero(rows.contradictions):
             return rows
-        deviations = each.max(axis=1)
+        deviations = np.abs(self._unusual(rows)).max(axis=1)
         off = np.where(deviations > _IMPLAUSIBLE, deviations * self._contact_deviation, 0.0)
         return changed(rows, contradictions=_with_distance(rows.contradictions, _VARIABLES, off))
 
@@ -157,6 +162,18 @@ class ConsistencyMonitor:
         length = np.asarray(length, np.float64)
         sizes = np.stack([length, length, length / self._model.friction_radius], axis=-1)
         return self._about_centroid(np.square(sizes))
+
+    def deviations_of_centroid(self, covariance: Array) -> tuple[float, float, float]:
+        """Return the standard deviations (x, y, yaw) of the centroid's pose from the covariance (3, 3) of the object's.
+
+        They are those of `to_centroid`, in a fifth of the time of a product of matrices.
+        """
+        (xx, _, x_yaw), (_, yy, y_yaw), (_, _, yaw) = covariance.tolist()
+        to_x = self._model.friction_center.real
+        to_y = self._model.friction_center.imag
+        x = xx - 2.0 * to_y * x_yaw + to_y**2 * yaw
+        y = yy + 2.0 * to_x * y_yaw + to_x**2 * yaw
+        return math.sqrt(max(x, 0.0)), math.sqrt(max(y, 0.0)), math.sqrt(max(yaw, 0.0))
 
     def _about_centroid(self, variances: Array) -> Array:
         """Return the covariance (..., 3, 3) of the pose by a motion with variances (..., 3) of the centroid."""

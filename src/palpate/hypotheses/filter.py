@@ -303,8 +303,11 @@ class MultiHypothesisFilter:
         measures_pose = any(isinstance(one, ObjectPose) for one in step.measurements)
         if measures_pose:
             self._test_object_poses(step, window.object_path())
-        is_disturbed = self._bank.rows.disturbed_steps_left > 0
-        window.add(step, np.where(is_disturbed, SHOVE_SIGMA / math.sqrt(STEPS_BEFORE_ALARM), 0.0))
+        disturbed_steps = self._bank.rows.disturbed_steps_left
+        if np.count_nonzero(disturbed_steps):
+            window.add(step, np.where(disturbed_steps > 0, SHOVE_SIGMA / math.sqrt(STEPS_BEFORE_ALARM), 0.0))
+        else:
+            window.add(step)
         self._bank.drop_lost()
         self._has_begun_anew = False
         return measures_pose
@@ -312,11 +315,10 @@ class MultiHypothesisFilter:
     def _after_solution(self, step: Step, window: ContactWindow, measures_pose: bool) -> None:
         """Take the solution of a step into the hypotheses, and propose, weigh and reduce them."""
         bank = self._bank
-        bank.rows = changed(
-            bank.rows,
-            belief=window.belief(),
-            disturbed_steps_left=np.maximum(bank.rows.disturbed_steps_left - 1, 0),
-        )
+        bank.rows = changed(bank.rows, belief=window.belief())
+        disturbed_steps = bank.rows.disturbed_steps_left
+        if np.count_nonzero(disturbed_steps):
+            bank.rows = changed(bank.rows, disturbed_steps_left=np.maximum(disturbed_steps - 1, 0))
         if measures_pose or np.count_nonzero(bank.rows.contradictions):
             touching = self._touching_tips(bank.rows, step)
             bank.rows = self._monitor.test_outline(bank.rows, touching, measures_pose)

@@ -45,7 +45,8 @@ def reduced(rows: Hypotheses, log_weights: Array, most: int, model: ContactModel
     kind = np.where(rows.disturbed_steps_left == 0, rows.touch_sign, np.nan)
     is_first = _representatives(rows, order, kind, model) == order
     kept = order[is_first & (relative[order] >= POOR_WEIGHT)][:most]
-    return Reduction(kept, relative[kept] / sum(relative[kept]))
+    weights = relative[kept]
+    return Reduction(kept, weights / weights.sum())
 
 
 def merged(rows: Hypotheses, most: int, model: ContactModel) -> Hypotheses:

@@ -6,6 +6,7 @@ Errors of neighbouring steps are much the same, so that only a share of the cost
 import numpy as np
 
 from palpate.arrays import Array
+from palpate.compiled import compiled
 from palpate.hypotheses.rows import Hypotheses
 from palpate.models.pushing.priors import ObjectPrior
 
@@ -37,8 +38,20 @@ def cost_of_contact(step_costs: Array) -> Array:
 
     Where one hypothesis ignores pushing in a step, the cost of pushing in it counts for none.
     """
-    measured = step_costs[..., 0]
-    pushed = step_costs[..., 1]
-    is_ignored = step_costs[..., 2].any(axis=0)
-    counted = measured + np.where(is_ignored, 0.0, pushed)
-    return _COUNTED_SHARE * counted.sum(axis=1)
+    counted = np.zeros(len(step_costs))
+    _add_costs(np.ascontiguousarray(step_costs), counted)
+    return _COUNTED_SHARE * counted
+
+
+@compiled(np.zeros((1, 1, 1)), np.zeros(1))
+def _add_costs(step_costs: Array, counted: Array) -> None:
+    """Add up the costs (B, N, 3) of all steps that count (B,)."""
+    rows, steps, _ = step_costs.shape
+    for step in range(steps):
+        is_ignored = False
+        for row in range(rows):
+            is_ignored |= step_costs[row, step, 2] != 0.0
+        for row in range(rows):
+            counted[row] += step_costs[row, step, 0]
+            if not is_ignored:
+                counted[row] += step_costs[row, step, 1]

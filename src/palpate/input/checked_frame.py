@@ -1,6 +1,6 @@
 """A frame that can be used, with all that later steps need to know of how it came."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from palpate.arrays import Array
 from palpate.status import InputEvidence
@@ -9,8 +9,7 @@ from palpate.touch.cells import Light
 from palpate.types.measurements import Frame
 
 
-@dataclass(frozen=True, eq=False)
-class CorrectedFrame:
+class CorrectedFrame(NamedTuple):
     """A frame with the pose that the sensor had when its image was taken."""
 
     frame: Frame
@@ -22,8 +21,7 @@ class CorrectedFrame:
     not late."""
 
 
-@dataclass(frozen=True, eq=False)
-class CheckedFrame:
+class CheckedFrame(NamedTuple):
     """A plausible frame, its image in the profile's view, and contact as the image shows it."""
 
     corrected: CorrectedFrame

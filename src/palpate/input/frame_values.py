@@ -65,6 +65,8 @@ def with_checked_values(frame: Any, measurements: Any, tips: int) -> Frame:
 
 def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Measurement, ...]:
     """Return the measurements of a frame as a tuple; raises FrameError on one that is not allowed."""
+    if isinstance(measurements, tuple) and not measurements:
+        return ()
     when = f"frame at {time:.3f} s"
     try:
         several = (measurements,) if isinstance(measurements, Measurement) else tuple(measurements)

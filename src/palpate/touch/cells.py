@@ -50,16 +50,20 @@ def is_grey(image: Image | Levels) -> bool:
     if image.ndim != 3:
         return False
     sparse = sparse_pixels(image)
-    red = sparse[..., 0]
-    green = sparse[..., 1]
-    blue = sparse[..., 2]
-    return bool((red == green).all() and (green == blue).all())
+    # The first row tells at once of nearly all images with colours.
+    return not any(np.count_nonzero(pixels[..., 1:] != pixels[..., :1]) for pixels in (sparse[:1], sparse))
 
 
 def sparse_pixels(image: Pixels) -> Pixels:
     """Return one pixel of each cell of an image (height, width, 3): enough to see if two images are the same."""
     step = int(cell_width(*image.shape[:2]))
     return image[::step, ::step]  # pyright: ignore[reportReturnType]
+
+
+def unlike_sparsely(image: Image, before: Image) -> float:
+    """Return the share of values in the sparse pixels of an image that differ from those before, which they replace."""
+    step = int(cell_width(*image.shape[:2]))
+    return _replace_sparse(np.ascontiguousarray(image), step, before) / before.size
 
 
 def cell_width(height: int, width: int) -> float:
@@ -104,7 +108,7 @@ def area_means(image: Image | Levels, rows: int, columns: int) -> Levels:
     weights = np.empty((columns, width // columns + 2), np.float32)
     bounds = np.empty((2, columns), np.int64)
     are_pixels = lines.dtype == np.uint8
-    are_rows_whole = are_pixels and height % rows == 0 and 255 * (height // rows) <= np.iinfo(np.uint16).max
+    are_rows_whole = are_pixels and height % rows == 0 and height // rows <= _MOST_ROWS
     sums = np.empty(3 * width if are_rows_whole else 0, np.uint16)
     write = _area_means_of_pixels if are_pixels else _area_means_of_levels
     write(lines, weights, bounds, sums, np.empty(3 * width, np.float32), means)
@@ -237,6 +241,8 @@ def _put_area_means(
             out[2, row, column] = blue
 
 
+_MOST_ROWS = np.iinfo(np.uint16).max // 255
+"""Rows of pixels whose sums fit into 16 bits."""
 _ROOM = (np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int64), np.zeros(1, np.uint16), np.zeros(1, np.float32))
 _area_means_of_pixels = compiled(np.zeros((1, 1), np.uint8), *_ROOM, _LEVELS, name="means_of_pixels")(_put_area_means)
 _area_means_of_levels = compiled(np.zeros((1, 1), np.float32), *_ROOM, _LEVELS, name="means_of_levels")(_put_area_means)
@@ -281,6 +287,20 @@ def _move_towards(levels: Levels, image: Image, part: float) -> None:
     share = np.float32(part)
     for i in range(len(levels)):
         levels[i] += share * (np.float32(image[i]) - levels[i])
+
+
+@compiled(np.zeros((1, 1, 1), np.uint8), 0, np.zeros((1, 1, 1), np.uint8))
+def _replace_sparse(image: Image, step: int, sparse: Image) -> int:
+    """Set sparse pixels to those of an image, one in so many, and return the count of values that change."""
+    count = 0
+    rows, columns, channels = sparse.shape
+    for row in range(rows):
+        for column in range(columns):
+            for channel in range(channels):
+                level = image[row * step, column * step, channel]
+                count += sparse[row, column, channel] != level
+                sparse[row, column, channel] = level
+    return count
 
 
 @kernel

@@ -18,6 +18,7 @@ from palpate.touch.cells import (
     compare,
     is_grey,
     sparse_pixels,
+    unlike_sparsely,
     wide_cells_of,
 )
 from palpate.touch.markers import Markers, find_markers, without_markers
@@ -187,12 +188,14 @@ class ContactDetector:
         """Take marks that are not in the last image into the untouched gel; return true if there are any."""
         assert self.background is not None
         last = self._last
-        self._last = None if self.markers else image.copy()  # a driver may reuse its array; markers move
-        marks = None if last is None else new_marks(image, last)
-        if last is None or marks is None:
+        if last is None:
+            self._last = None if self.markers else image.copy()  # a driver may reuse its array; markers move
             return False
-        self._use(replace(self.background, mean=with_marks(self.background.mean, marks, image, last)))
-        return True
+        marks = new_marks(image, last)
+        if marks is not None:
+            self._use(replace(self.background, mean=with_marks(self.background.mean, marks, image, last)))
+        np.copyto(last, image)
+        return marks is not None
 
     def _significant_share(self, image: Image, cells: Levels, start: Light | None) -> tuple[float, Light]:
         """Return the share of values that differ significantly from the untouched gel, without that of scratches.
@@ -248,9 +251,11 @@ class ContactDetector:
 
     def _check_not_repeated(self, image: Image) -> None:
         """Raise SettingError if a camera whose images have noise has given the same image too often."""
-        sparse = sparse_pixels(image).copy()
-        changed = 1.0 if self._sparse is None else np.count_nonzero(sparse != self._sparse) / sparse.size
-        self._sparse = sparse
+        changed = 1.0
+        if self._sparse is None:
+            self._sparse = sparse_pixels(image).copy()
+        else:
+            changed = unlike_sparsely(image, self._sparse)
         self._is_noisy = self._is_noisy or (self._repeats > 0 and changed > NOISY_SHARE)
         self._repeats = 1 if changed else self._repeats + 1
         if self._repeats > MOST_REPEATS and self._is_noisy:

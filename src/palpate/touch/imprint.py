@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.arrays import Levels
+from palpate.compiled import compiled
 from palpate.touch.touch_model import Difference, TouchModel
 
 _MEASURED_ON = "DIGIT"
@@ -46,8 +48,9 @@ def sunk_with(before: float, difference: Difference, angle: float) -> float:
 
     `difference` (ROWS, COLUMNS, 3) is that from the untouched gel, `angle` the direction read in it [rad].
     """
-    channels = np.abs(difference.transpose(2, 0, 1))
-    change = float(channels.max(axis=0).mean())
+    largest = np.empty(difference.shape[:2], np.float32)
+    _put_largest(np.ascontiguousarray(difference.transpose(2, 0, 1)), largest)
+    change = float(largest.mean())
     seen = max(_IMPRINTS.depth * change * math.exp(_IMPRINTS.off_apex * abs(angle)) - _IMPRINTS.usual, 0.0)
     return before + _IMPRINTS.share_of_new * (seen - before)
 
@@ -55,3 +58,15 @@ def sunk_with(before: float, difference: Difference, angle: float) -> float:
 def added_variance(sunk: float) -> float:
     """Return the growth of a direction's variance [rad^2] once the tip has sunk in so far [m]."""
     return (sunk / _IMPRINTS.misread_by_one) ** 4
+
+
+@compiled(np.zeros((1, 1, 1), np.float32), np.zeros((1, 1), np.float32))
+def _put_largest(difference: Levels, largest: Levels) -> None:
+    """Write the largest change of each pixel (rows, columns) in any of three channels (3, rows, columns)."""
+    rows, columns = largest.shape
+    for row in range(rows):
+        for column in range(columns):
+            red = abs(difference[0, row, column])
+            green = abs(difference[1, row, column])
+            blue = abs(difference[2, row, column])
+            largest[row, column] = max(red, green, blue)

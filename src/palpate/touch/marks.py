@@ -14,7 +14,7 @@ from palpate.arrays import Flags, Image, Levels
 from palpate.compiled import compiled, kernel
 from palpate.config import CONTACT_DETECTION
 from palpate.touch.cells import cell_width
-from palpate.touch.neighbours import largest_near, least_near, spots_of
+from palpate.touch.neighbours import largest_near, opened, spots_of
 
 EDGE = round(CONTACT_DETECTION.significant * CONTACT_DETECTION.least_deviation)
 """Change [grey levels], in the mean over 3 x 3 pixels, from which a pixel belongs to a mark."""
@@ -90,15 +90,16 @@ def _marks_in(image: Image, before: Image, jumped: Flags, changed: Flags, size: 
     if not are_sharp.any():
         return None
     width = round(_MARK.thin * cell)
-    inside_wide = least_near(changed, width)
-    wide = largest_near(inside_wide[::-1, ::-1], width)[::-1, ::-1]  # turned, as an even width is off by half a pixel
+    wide = opened(changed, width)
     if np.count_nonzero(wide) > _MARK.most_moved * size[0] * size[1]:
         return None
-    are_thin = np.bincount(spots.spot_of[wide], minlength=count) == 0
-    are_small = (spots.extent <= _MARK.small * cell).all(axis=1)
+    are_small = np.asarray((spots.extent <= _MARK.small * cell).all(axis=1))
     marks = np.zeros_like(changed)
-    for spot in np.flatnonzero(are_sharp & (are_thin | are_small)):
+    for spot in np.flatnonzero(are_sharp):
         inside = spots.spot_of == spot
+        is_thin = not (inside & wide).any()
+        if not (is_thin or are_small[spot]):
+            continue
         around = largest_near(inside, 2 * round(cell) + 1) & changed
         if _is_brighter_or_darker(image[around].astype(np.int16) - before[around]):
             marks |= inside

@@ -30,16 +30,31 @@ def closed(pixels: Pixels, width: int) -> Pixels:
     return least_near(largest_near(pixels, width), width)
 
 
-def _chosen_near(pixels: Any, width: int, choose: np.ufunc) -> Any:
+def opened(pixels: Pixels, width: int) -> Pixels:
+    """Return pixels (height, width, ...) in which what is bright and narrower than a width [px] is removed."""
+    # The second square is turned, as one of an even width is off by half a pixel.
+    return _chosen_near(least_near(pixels, width), width, np.maximum, is_turned=True)
+
+
+def _chosen_near(pixels: Any, width: int, choose: np.ufunc, is_turned: bool = False) -> Any:
     """Return the largest or least value in a square about each pixel; there is nothing beyond the border."""
-    chosen = _beyond_the_border(pixels, width // 2, width - 1 - width // 2)
+    before = width // 2
+    after = width - 1 - before
+    wider = _beyond_the_border(pixels, after, before) if is_turned else _beyond_the_border(pixels, before, after)
+    row = wider[0].size
+    column = wider[0, 0].size
+    # Rows lie one behind the other, as NumPy is quicker the longer they are. What begins in the last columns would
+    # reach into the next row, and is cut off.
+    chosen = wider.ravel()
     span = 1  # width of the squares that values are chosen from so far
     while span < width:
         step = min(span, width - span)
-        chosen = choose(chosen[:-step], chosen[step:])
-        chosen = choose(chosen[:, :-step], chosen[:, step:])
+        chosen = choose(chosen[: -step * row], chosen[step * row :])
+        chosen = choose(chosen[: -step * column], chosen[step * column :])
         span += step
-    return chosen
+    rows = np.empty((len(pixels), *wider.shape[1:]), pixels.dtype)
+    rows.ravel()[: chosen.size] = chosen
+    return rows[:, : pixels.shape[1]]
 
 
 def _beyond_the_border(pixels: Any, before: int, after: int) -> Any:
@@ -67,7 +82,8 @@ def median_near(image: Image, width: int) -> Image:
     rows, columns, _ = image.shape
     padded = _beyond_the_border(image, width // 2, width // 2)
     line = 3 * padded.shape[1]
-    shifts = np.array([row * line + 3 * column for row in range(width) for column in range(width)])
+    along = np.arange(width)
+    shifts = (line * along[:, None] + 3 * along).ravel()
     medians = np.empty(rows * line, np.uint8)
     kept = np.empty((len(shifts) // 2 + 2, _AT_A_TIME), np.uint8)
     _set_medians(padded.ravel(), shifts, kept, medians[: padded.size - shifts[-1]])

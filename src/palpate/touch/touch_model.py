@@ -7,6 +7,7 @@ of a flat gel has place (1, 2) [cm] in place of the corner; one trained on press
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -59,7 +60,7 @@ SHIPPED_OF = {"DIGIT": _DATA / "digit", "GelSight Mini": _DATA / "gelsight_mini"
 def reduced(image: NDArray[np.uint8] | Difference) -> Difference:
     """Return an image or a background's mean (height, width, 3) as (ROWS, COLUMNS, 3) [grey levels]."""
     means = area_means(image, ROWS, COLUMNS)
-    return np.rint(means) if image.dtype == np.uint8 else means  # rounded as in training
+    return np.rint(means, out=means) if image.dtype == np.uint8 else means  # rounded as in training
 
 
 def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference, light: Light | None = None) -> Difference:
@@ -71,7 +72,9 @@ def difference_in_light(image: NDArray[np.uint8], reduced_mean: Difference, ligh
     reduced_image = reduced(image)
     if light is None:
         light = light_in(area_means(reduced_image, ROWS, ROWS), area_means(reduced_mean, ROWS, ROWS))
-    return change_in_light(reduced_image, reduced_mean, light) / np.float32(LEVELS)
+    difference = change_in_light(reduced_image, reduced_mean, light)
+    difference /= np.float32(LEVELS)
+    return difference
 
 
 @dataclass(frozen=True)
@@ -160,7 +163,7 @@ class TouchModel:
         reading: Reading = {}
         for name, (mean, log_variance, *more) in zip(names, rows, strict=True):
             unit = 1e-2 if name == "place" else 1.0  # [m], as the network gives places in cm
-            variance = float(np.exp(min(log_variance, 700.0)))  # the log variance of a foreign network may be anything
+            variance = math.exp(min(log_variance, 700.0))  # the log variance of a foreign network may be anything
             reading[name] = (unit * mean, unit**2 * variance, *more)
         return reading
 

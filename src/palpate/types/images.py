@@ -148,7 +148,8 @@ def decode_image(data: bytes, size: tuple[int, int] | None = None) -> Image:
         image = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
         if image.mode.startswith(("I", "F")):  # Pillow would cut off their levels at 255
             raise FileError("is grey in 16 bits, expected 8 bits and colours")
-        pixels = np.array(image.convert("RGB"))
+        image.load()
+        pixels = np.array(image if image.mode == "RGB" else image.convert("RGB"))  # which would copy it
     except Image.DecompressionBombError as error:
         raise FileError(f"is an image that is far too large ({error})") from error
     except (OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error) as error:

@@ -197,7 +197,8 @@ def finite_numbers(given: object, shape: tuple[int, ...]) -> Array | None:
         numbers = np.array(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError, FileError):
         return None
-    return numbers if numbers.shape == shape and np.isfinite(numbers).all() else None
+    # For a few numbers that is a third of the time of NumPy's functions.
+    return numbers if numbers.shape == shape and all(map(math.isfinite, numbers.ravel().tolist())) else None
 
 
 def finite_number(given: object) -> float | None:

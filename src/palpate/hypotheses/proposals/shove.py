@@ -28,7 +28,6 @@ _SLIDES = np.array((0.0, 0.018, -0.018, 0.036, -0.036))
 ALARM_LIMITS = {"contact": 0.3, "direction": 0.2, "place": 0.2, "turn": 0.3}
 """Mean squares of the innovations of the last steps [variances] from which something else may have moved the object.
 Where nothing did, directions reach theirs 2.6 times a minute of contact, others less (`docs/study/alarms.json`)."""
-_LIMITS = np.array([*ALARM_LIMITS.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +50,17 @@ class Shove:
 
 def disturbance_alarms(window: ContactWindow) -> Flags:
     """Return True (B,) where touch and pushing contradict each other."""
-    watched = _watched_factors(window.model)
-    mean_squares = window.rows["surprise"][:, watched].reshape(len(window.rows), -1, len(_LIMITS))
-    return np.asarray((mean_squares > _LIMITS).any(axis=(1, 2)))
+    return np.asarray((window.rows["surprise"] > _limits(window.model)).any(axis=1))
 
 
 @cache
-def _watched_factors(model: Model) -> list[int]:
-    """Return the places of the factors that are watched, for each finger in the order of ALARM_LIMITS."""
-    return [model.names.index(name) for name in names_of(ALARM_LIMITS, model)]
+def _limits(model: Model) -> Array:
+    """Return the limit of each factor's mean square, (K,); infinite for those that are not watched."""
+    limits = np.full(len(model.names), np.inf)
+    for name, limit in ALARM_LIMITS.items():
+        for own in names_of([name], model):
+            limits[model.names.index(own)] = limit
+    return limits
 
 
 def propose_shove(rows: Hypotheses, alarms: Flags, step: int) -> Shove | None:
@@ -68,7 +69,7 @@ def propose_shove(rows: Hypotheses, alarms: Flags, step: int) -> Shove | None:
     They are added to the likeliest hypothesis that has a new alarm, and to the likeliest that takes images the other
     way. A contradiction of the less likely way to take images speaks against it, not for a disturbance.
     """
-    if not alarms.any():
+    if not np.count_nonzero(alarms):
         return None
     is_likely = rows.weight > LIKELY_WEIGHT
     is_settled = (rows.disturbed_steps_left == 0) & (step >= rows.next_alarm)
