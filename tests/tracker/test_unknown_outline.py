@@ -9,6 +9,7 @@ import pytest
 
 import palpate
 from palpate import DIGIT, ContactDirection, Disc, Frame, Outline, Polygon, Rectangle, Sketch, Tracker, Unknown
+from palpate.exploring import explorer
 from palpate.geometry.shapes import SHAPES
 
 RADIUS = 0.06
@@ -174,6 +175,14 @@ def test_an_object_that_something_else_has_moved_is_found_anew(shape):
     assert np.hypot(*(estimate.pose[:2] - away[:2])) < 8e-3
     deviation = np.sqrt(estimate.covariance.diagonal()[:2])
     assert np.all(np.abs(estimate.pose[:2] - away[:2]) < 3.0 * deviation)
+
+
+@pytest.mark.parametrize(("directions", "times"), [(True, 7), (False, 0)])
+def test_shoves_are_proposed_at_each_later_contact_if_touch_measures_directions(monkeypatch, directions, times):
+    proposed: list[int] = []
+    monkeypatch.setattr(explorer, "propose_shoves", lambda rows, _: proposed.append(len(rows.mean)))
+    tracked(Unknown(), touches(directions=directions), np.zeros(3))
+    assert len(proposed) == times
 
 
 def carried_around(sides: int) -> list[Frame]:

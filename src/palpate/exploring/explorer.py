@@ -113,7 +113,7 @@ class Explorer:
         self._rows = rows
         self._generator = np.random.default_rng(_SETTINGS.seed)
         self._touched = np.zeros(_SETTINGS.points, np.bool_)
-        self._has_directions = len(self._sensor.tips) > 1  # two that touch at once show one
+        self._is_felt = False
         self._contact: _Contact | None = None
         self._contacts = Contacts(np.empty((0, 2)), np.empty(0), np.empty(0, np.int64))
         self._see_outline()
@@ -140,10 +140,10 @@ class Explorer:
         """Take a frame in contact; return the contact point and the outward normal, (2,) each, in the world."""
         last = self._contact
         measured = (0 if last is None else last.measured) + is_felt(measurements)
-        self._has_directions |= measured > 0
+        self._is_felt |= measured > 0
         now = felt(self._sensor, measurements, self._settings.noise, measured)
         if last is None:
-            if self._contacts.count:
+            if self._contacts.count and self._is_felt:  # with contact alone it does harm
                 propose_shoves(self._rows, self._generator)
             begin_contact(self._rows)
             self._contacts = replace(self._contacts, count=self._contacts.count + 1)
@@ -231,7 +231,8 @@ class Explorer:
         length, _ = self._settings.tolerance
         self._outline = self._outline_of_rows()
         contacts = replace(self._contacts, shoved=float(self._rows.weight @ self._rows.shoves))
-        self._form = form_evidence(self._outline, contacts, self._given, length, self._has_directions)
+        has_directions = self._is_felt or len(self._sensor.tips) > 1  # two that touch at once show one
+        self._form = form_evidence(self._outline, contacts, self._given, length, has_directions)
 
     def _outline_of_rows(self) -> Outline:
         """Return the outline of the best rows together."""
