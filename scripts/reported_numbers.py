@@ -736,6 +736,59 @@ TABLES: dict[str, Table] = {
             "shoves",
         ),
     ),
+    "outline-hypotheses": Table(
+        {
+            "shoves": "{name}",
+            "nothing shoves, paired": "{nothing_shoves[rms_mm][difference]:+.1f} ± "
+            "{nothing_shoves[rms_mm][standard_error]:.1f} mm, {nothing_shoves[rms_deg][difference]:+.1f} ± "
+            "{nothing_shoves[rms_deg][standard_error]:.1f}°",
+            "in 95 %": "{nothing_shoves[in_95][now]:.0f} %",
+            "shoved": "{shoved[rms_mm][before]:.1f}, {shoved[rms_mm][now]:.1f} mm",
+            "paired": "{shoved[rms_mm][difference]:+.1f} ± {shoved[rms_mm][standard_error]:.1f} mm",
+            "in 95 %, before and now": "{shoved[in_95][before]:.0f}, {shoved[in_95][now]:.0f} %",
+        },
+        of_json(
+            "docs/study/outline_hypotheses.json",
+            {
+                "six": "unknown outline, prior 5 %, one Gaussian a copy, six observations as one in all weights",
+                "six_two": "the same, two as one in a family",
+                "twelve_two": "prior 2 %, twelve as one in weights of families, two in a family",
+                "rising": "prior 5 %, rising with the shoves of a row",
+                "surprises": "the same, copies at large innovations as well",
+                "between_5": "prior 5 %, half of the variance between the copies",
+                "between_2": "the same, prior 2 %, as it is",
+                "alone": "none, but twelve as one in all weights",
+                "sketch_rising": "sketch, prior 5 %, rising with the shoves of a row",
+                "sketch_surprises": "the same, copies at large innovations as well",
+                "sketch_between_2": "prior 2 %, half of the variance between the copies, as it is",
+            },
+            "tuning",
+        ),
+    ),
+    "outline-hypotheses-fresh": Table(
+        {
+            "recordings": "{name}",
+            "count": "{recordings}",
+            "pose error before, now": "{rms_mm[before]:.1f}, {rms_mm[now]:.1f} mm",
+            "of each, paired": "{rms_mm[difference]:+.1f} ± {rms_mm[standard_error]:.1f} mm",
+            "yaw, paired": "{rms_deg[difference]:+.1f} ± {rms_deg[standard_error]:.1f}°",
+            "in 95 %, before and now": "{in_95[before]:.0f}, {in_95[now]:.0f} %",
+            "in the band, before and now": "{all_in_95[before]:.0f}, {all_in_95[now]:.0f} %",
+        },
+        of_json(
+            "docs/study/outline_hypotheses.json",
+            {
+                "unknown": "unknown outline, nothing shoves",
+                "unknown_shoved": "unknown outline, shoved",
+                "sketch": "sketch, nothing shoves",
+                "sketch_shoved": "sketch, shoved",
+                "mit": "MIT, unknown outline",
+                "cmu_shoves": "CMU, unknown outline, with such copies",
+                "cmu": "CMU, unknown outline, as it is: without, as touch measures contact alone",
+            },
+            "fresh",
+        ),
+    ),
     "outline-study": Table(
         OUTLINE_POSES,
         of_json(

@@ -9,6 +9,7 @@ import pytest
 
 import palpate
 from palpate import DIGIT, ContactDirection, Disc, Frame, Outline, Polygon, Rectangle, Sketch, Tracker, Unknown
+from palpate.exploring import explorer
 from palpate.geometry.shapes import SHAPES
 
 RADIUS = 0.06
@@ -132,7 +133,7 @@ def test_a_disc_that_rests_is_learnt_all_around():
     radius = np.hypot(*outline.points.T)
     assert np.abs(radius - RADIUS).max() < 3e-3
     assert np.all(np.abs(radius - RADIUS) < 3.0 * outline.deviation)
-    assert outline.touched.mean() > 0.5
+    assert outline.touched.mean() > 0.4  # 24 patches of 8 mm, placed by a yaw that nothing tells
 
 
 def test_a_sketch_is_drawn_exactly_where_a_tip_gets_to():
@@ -168,11 +169,12 @@ def test_an_object_larger_than_stated_and_a_sketch_that_does_not_fit_are_straine
     assert across.status == "strained" and "mm wide" in across.reason
     assert tracked(Unknown((0.03, 0.19)), touches(radius=0.09, sides=24), np.zeros(3))[-1].status != "strained"
     other = tracked(Sketch(Disc(0.05), 0.001), touches(radius=0.09, sides=24), np.zeros(3))[-1]
-    assert other.status == "strained" and "moved the object" in other.reason
+    assert other.status == "strained" and "from the sketch" in other.reason
 
 
-def test_an_object_that_something_else_has_moved_is_found_anew():
-    """A disc is learnt all around, then it is 3 cm away; the first touches of it there say so."""
+@pytest.mark.parametrize("shape", [Sketch(Disc(RADIUS), 2e-3), Unknown((0.08, 0.2))])
+def test_an_object_that_something_else_has_moved_is_found_anew(shape):
+    """A disc is learnt all around, then it is 3 cm away; touches of it there say so."""
     away = np.array((0.03, 0.0, 0.0))
     before = [frame for turn in range(2) for frame in touches()]
     seen = [replace(frame, time=k / 30.0) for k, frame in enumerate(before)]
@@ -180,10 +182,19 @@ def test_an_object_that_something_else_has_moved_is_found_anew():
         replace(frame, time=(len(seen) + k) / 30.0, sensor_pose=frame.sensor_pose + away)
         for k, frame in enumerate(touches())
     ]
-    estimate = tracked(Sketch(Disc(RADIUS), 2e-3), seen + moved, np.zeros(3))[-1]
-    assert np.hypot(*(estimate.pose[:2] - away[:2])) < 5e-3
+    estimate = tracked(shape, seen + moved, np.zeros(3))[-1]
+    assert estimate.status != "strained"
+    assert np.hypot(*(estimate.pose[:2] - away[:2])) < 8e-3
     deviation = np.sqrt(estimate.covariance.diagonal()[:2])
     assert np.all(np.abs(estimate.pose[:2] - away[:2]) < 3.0 * deviation)
+
+
+@pytest.mark.parametrize(("directions", "times"), [(True, 7), (False, 0)])
+def test_shoves_are_proposed_at_each_later_contact_if_touch_measures_directions(monkeypatch, directions, times):
+    proposed: list[int] = []
+    monkeypatch.setattr(explorer, "propose_shoves", lambda rows, _: proposed.append(len(rows.mean)))
+    tracked(Unknown(), touches(directions=directions), np.zeros(3))
+    assert len(proposed) == times
 
 
 def carried_around(sides: int) -> list[Frame]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Integers
 from palpate.status import FormEvidence, PoseEvidence
 from palpate.types.outline import Outline, Sketch, Unknown
 
@@ -23,7 +23,7 @@ class _Settings:
     widest_gap: float = 0.3
     """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
     often: float = 0.2
-    """Share of contacts up to which something else may move the object, as a single time always may."""
+    """Share of contacts up to which something else may have moved the object, as it always may a single time."""
 
 
 _SETTINGS = _Settings()
@@ -53,10 +53,12 @@ class Contacts:
     """(C, 2) [m], object frame."""
     deviation: Array
     """Standard deviation of each by that of the pose, (C,) [m]."""
+    number: Integers
+    """Number of the contact of each, (C,)."""
     count: int = 0
     """Number of contacts, each of which has one point or more."""
-    shoved: int = 0
-    """Number of those in which something else seems to have moved the object."""
+    shoved: float = 0.0
+    """Number of those before which something else has moved the object, as it is expected."""
 
 
 def form_evidence(
@@ -88,8 +90,12 @@ def form_evidence(
 
 def _often_shoved(contacts: Contacts) -> float:
     """Return the share of contacts in which something else seems to have moved the object, if it is large; else 0."""
-    often = max(_SETTINGS.often * contacts.count, 1.0)
-    return contacts.shoved / contacts.count if contacts.shoved > often else 0.0
+    return contacts.shoved / contacts.count if _is_often(contacts.shoved, contacts) else 0.0
+
+
+def _is_often(times: float, contacts: Contacts) -> bool:
+    """Return True for more times than something else may have moved the object; never before a first contact."""
+    return times > (max(_SETTINGS.often * contacts.count, 1.0) if contacts.count > 1 else 0.0)
 
 
 def _widest_gap(outline: Outline) -> float:
@@ -115,9 +121,14 @@ def _beyond_size(contacts: Contacts, given: Unknown) -> float:
 
 
 def _beyond_sketch(contacts: Contacts, given: Sketch) -> float:
-    """Return the largest distance of a contact from the sketch [m] that is implausible; else 0."""
+    """Return the largest distance of a contact from the sketch [m], if many are implausibly far; else 0.
+
+    The first after the object was moved by something else are so, too.
+    """
     if not len(contacts.points):
         return 0.0
     distance = np.abs(given.shape.signed_distance(contacts.points))
     allowed = _SETTINGS.far * np.hypot(given.sigma, contacts.deviation)
-    return float(np.max(np.where(distance > allowed, distance, 0.0)))
+    far = distance > allowed
+    is_often = _is_often(len(np.unique(contacts.number[far])), contacts)
+    return float(distance[far].max()) if is_often else 0.0

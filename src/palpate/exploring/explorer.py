@@ -19,6 +19,7 @@ from palpate.exploring.felt import Felt, felt, is_felt
 from palpate.exploring.observing import observe
 from palpate.exploring.pushing import Push, begin_contact, carry, move
 from palpate.exploring.rows import CENTER, CURVE, Place, Rows
+from palpate.exploring.shoves import propose_shoves
 from palpate.exploring.start import rows_about_origin, rows_behind_contact
 from palpate.geometry import se2
 from palpate.types.measurements import Frame, Measurement, TouchMeasurement
@@ -43,6 +44,8 @@ class _Settings:
     """Number of points of the outline."""
     shown: int = 20
     """Largest number of rows, the best ones, whose outlines are shown as one."""
+    seed: int = 67
+    """Seed by which shoves are drawn."""
     patch: float = 0.004
     """Length to each side of a contact that counts as touched [m]."""
 
@@ -70,8 +73,6 @@ class _Contact:
     """Number of frames since then in which touch measured a direction or a place."""
     behind: float = 0.0
     """Distance that the tip went back along the normal and has not made up for [m]."""
-    is_shoved: bool = False
-    """True if something else seems to have moved the object in it."""
 
 
 class Explorer:
@@ -110,10 +111,11 @@ class Explorer:
     def _begin(self, rows: Rows) -> None:
         """Begin with rows that have not been touched."""
         self._rows = rows
+        self._generator = np.random.default_rng(_SETTINGS.seed)
         self._touched = np.zeros(_SETTINGS.points, np.bool_)
-        self._has_directions = len(self._sensor.tips) > 1  # two that touch at once show one
+        self._is_felt = False
         self._contact: _Contact | None = None
-        self._contacts = Contacts(np.empty((0, 2)), np.empty(0))
+        self._contacts = Contacts(np.empty((0, 2)), np.empty(0), np.empty(0, np.int64))
         self._see_outline()
 
     def end_contact(self, moved: float = 0.0) -> None:
@@ -138,9 +140,11 @@ class Explorer:
         """Take a frame in contact; return the contact point and the outward normal, (2,) each, in the world."""
         last = self._contact
         measured = (0 if last is None else last.measured) + is_felt(measurements)
-        self._has_directions |= measured > 0
+        self._is_felt |= measured > 0
         now = felt(self._sensor, measurements, self._settings.noise, measured)
         if last is None:
+            if self._contacts.count and self._is_felt:  # with contact alone it does harm
+                propose_shoves(self._rows, self._generator)
             begin_contact(self._rows)
             self._contacts = replace(self._contacts, count=self._contacts.count + 1)
             contact = _Contact(frame.sensor_pose, frame.time, now.direction or 0.0, now.along)
@@ -163,11 +167,8 @@ class Explorer:
         deviation = math.hypot(felt_now.deviation, of_place)
         for tip in se2.transform(frame.sensor_pose, self._parts(felt_now.along)):
             center = complex(tip[0], tip[1]) - self._farther * inward
-            is_shoved = observe(self._rows, center, direction, deviation)
+            observe(self._rows, center, direction, deviation)
             self._mark_touched(center + self._reach * inward)
-            if is_shoved and not contact.is_shoved:
-                contact.is_shoved = True
-                self._contacts = replace(self._contacts, shoved=self._contacts.shoved + 1)
         contact.observed_at = frame.time
         contact.way = 0.0
         contact.measured = 0
@@ -222,13 +223,16 @@ class Explorer:
         variance = covariance[0, 0] + covariance[1, 1] + covariance[2, 2] * abs(in_object) ** 2
         points = np.vstack((self._contacts.points, _vector(in_object)))
         deviations = np.append(self._contacts.deviation, math.sqrt(variance))
-        self._contacts = replace(self._contacts, points=points, deviation=deviations)
+        numbers = np.append(self._contacts.number, self._contacts.count)
+        self._contacts = replace(self._contacts, points=points, deviation=deviations, number=numbers)
 
     def _see_outline(self) -> None:
         """Take outline and evidence from the rows as they are now."""
         length, _ = self._settings.tolerance
         self._outline = self._outline_of_rows()
-        self._form = form_evidence(self._outline, self._contacts, self._given, length, self._has_directions)
+        contacts = replace(self._contacts, shoved=float(self._rows.weight @ self._rows.shoves))
+        has_directions = self._is_felt or len(self._sensor.tips) > 1  # two that touch at once show one
+        self._form = form_evidence(self._outline, contacts, self._given, length, has_directions)
 
     def _outline_of_rows(self) -> Outline:
         """Return the outline of the best rows together."""

@@ -17,14 +17,6 @@ class _Settings:
     """Deviation of a tip's centre from the curve [m]: indentation, and forms that harmonics cannot draw."""
     farthest: float = 4.0
     """Square of the standardised innovation from which an observation counts less, as it does at inner corners."""
-    shoved: float = 9.0
-    """The same from which something else has moved the object, at a place that is known already."""
-    known: float = 0.1
-    """Deviation of a direction by the form alone up to which a place is known [rad]."""
-    shove: float = 0.02
-    """Deviation of the motion of an object that something else has moved [m]."""
-    shove_turn: float = 0.2
-    """Deviation of its turn [rad]."""
     nearest: float = 1e-3
     """Least distance of a tip's centre from the pole [m]: at the pole itself, inside of the object, it has no angle."""
     straight: float = 0.3
@@ -36,11 +28,8 @@ class _Settings:
 _SETTINGS = _Settings()
 
 
-def observe(rows: Rows, tip: complex, direction: float, deviation: float) -> bool:
-    """Take a contact: centre of the tip in the world [m], inward normal's angle there [rad] and its deviation.
-
-    Returns True if something else seems to have moved the object.
-    """
+def observe(rows: Rows, tip: complex, direction: float, deviation: float) -> None:
+    """Take a contact: centre of the tip in the world [m], inward normal's angle there [rad] and its deviation."""
     seen = _seen(rows, tip)
     logarithm, slope, bend = seen.course
     steepness = 1.0 / (1.0 + slope**2)
@@ -59,29 +48,10 @@ def observe(rows: Rows, tip: complex, direction: float, deviation: float) -> boo
     of_radius = np.square(_SETTINGS.distance / seen.radius) / steepness  # the distance is across the curve
     noise = np.column_stack((of_radius, np.full(len(off), deviation**2)))
     every = np.arange(len(off))
-    is_shoved = rows.is_sketched and _allow_for_shove(rows, innovation, by, noise)
-    rows.log_likelihood += _correct(rows, every, innovation, by, noise)
+    rows.weigh(_correct(rows, every, innovation, by, noise))
     straight = np.flatnonzero(rows.is_straight)
     if len(straight):
         _straighten(rows, straight, tip)
-    return is_shoved
-
-
-def _allow_for_shove(rows: Rows, innovation: Array, by: Array, noise: Array) -> bool:
-    """Widen the pose in rows to which an innovation is too large at a place they know: something moved the object.
-
-    Returns True if these rows have most of the weight.
-    """
-    of_form = by[:, 1:, CURVE]
-    direction_variance = (of_form @ rows.covariance[:, CURVE, CURVE] @ of_form.transpose(0, 2, 1))[:, 0, 0]
-    predicted = by @ rows.covariance @ by.transpose(0, 2, 1) + noise[:, :, None] * np.eye(2)
-    distance = (innovation[:, None, :] @ np.linalg.inv(predicted) @ innovation[:, :, None])[:, 0, 0]
-    is_known = direction_variance < _SETTINGS.known**2
-    shoved = np.flatnonzero(is_known & (distance > _SETTINGS.shoved))
-    for place in (CENTER.start, CENTER.start + 1):
-        rows.covariance[shoved, place, place] += _SETTINGS.shove**2
-    rows.covariance[shoved, Place.YAW, Place.YAW] += _SETTINGS.shove_turn**2
-    return float(rows.weight[shoved].sum()) > 0.5
 
 
 def _straighten(rows: Rows, straight: Integers, tip: complex) -> None:

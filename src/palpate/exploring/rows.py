@@ -5,8 +5,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from palpate.arrays import Array, Complex, Flags
-from palpate.exploring.curve import COEFFICIENTS, UNIT_CIRCLE, BaseCurve
+from palpate.arrays import Array, Complex, Flags, Integers
+from palpate.exploring.curve import COEFFICIENTS, BaseCurve
 
 CENTER = slice(0, 2)
 """Centre of friction, world frame [m]."""
@@ -31,9 +31,11 @@ class Place(IntEnum):
 class _Settings:
     """Settings of the weights."""
 
-    temper: float = 6.0
-    """Number of observations that count as one in the weights of rows: their errors last, and a form is never quite one
-    of the prior's. With 1 regions of tuning explorations hold too little (docs/unknown_outline.md)."""
+    temper: float = 12.0
+    """Number of observations that count as one in the weights of families: their errors last, and a form is never quite
+    one of the prior's. With 1 regions of tuning explorations hold too little (docs/unknown_outline.md)."""
+    temper_in_family: float = 2.0
+    """The same between rows of a family, which differ in shoves alone: these are told by few observations."""
 
 
 _SETTINGS = _Settings()
@@ -41,7 +43,7 @@ _SETTINGS = _Settings()
 
 @dataclass(eq=False)
 class Rows:
-    """B hypotheses, whose arrays are changed in place."""
+    """B hypotheses, whose arrays are changed."""
 
     mean: Array
     """Means of the V variables, (B, V)."""
@@ -53,13 +55,12 @@ class Rows:
     """Pole of the curve in the object frame, (B,), complex [m]."""
     is_straight: Flags
     """True for rows that expect straight sides, (B,)."""
-    log_likelihood: Array
-    """(B,)."""
-
-    @property
-    def is_sketched(self) -> bool:
-        """True if the curves are about that of a sketch."""
-        return self.base is not UNIT_CIRCLE
+    family: Integers
+    """Number of the first row that each comes from, (B,): rows of a family differ in what else moved the object."""
+    shoves: Integers
+    """Number of times that something else has moved the object, (B,)."""
+    log_weight: Array
+    """Logarithms of weights up to a constant, (B,)."""
 
     @property
     def center(self) -> Complex:
@@ -79,8 +80,25 @@ class Rows:
     @property
     def weight(self) -> Array:
         """Weights, (B,), with the sum 1."""
-        weight = np.exp((self.log_likelihood - self.log_likelihood.max()) / _SETTINGS.temper)
+        weight = np.exp(self.log_weight - self.log_weight.max())
         return weight / weight.sum()
+
+    def weigh(self, log_likelihood: Array) -> None:
+        """Take the logarithms of likelihoods (B,) of an observation to the weights."""
+        tempered = log_likelihood / _SETTINGS.temper_in_family
+        of_family = self._in_families(self.log_weight + tempered) - self._in_families(self.log_weight)
+        self.log_weight += tempered - of_family
+        self.log_weight += of_family * (_SETTINGS.temper_in_family / _SETTINGS.temper)
+
+    def keep(self, chosen: Integers) -> None:
+        """Keep chosen rows in their order; one that is chosen twice is there twice."""
+        self.mean = self.mean[chosen]
+        self.covariance = self.covariance[chosen]
+        self.pole = self.pole[chosen]
+        self.is_straight = self.is_straight[chosen]
+        self.family = self.family[chosen]
+        self.shoves = self.shoves[chosen]
+        self.log_weight = self.log_weight[chosen]
 
     def pose(self) -> tuple[Array, Array]:
         """Return mean and covariance of world_T_object over all rows: (3,), and (3, 3) in the tangent space there."""
@@ -94,6 +112,12 @@ class Rows:
         apart = np.column_stack((off.real, off.imag, turned))
         covariance = (weight[:, None] * apart).T @ apart + self._within(weight, yaw)
         return np.array((place.real, place.imag, yaw)), covariance
+
+    def _in_families(self, log_weight: Array) -> Array:
+        """Return the logarithm of the sum of weights in the family of each row, (B,)."""
+        total = np.full(self.family.max() + 1, -np.inf)
+        np.logaddexp.at(total, self.family, log_weight)
+        return total[self.family]
 
     def _within(self, weight: Array, yaw: float) -> Array:
         """Return the mean covariance (3, 3) of the pose within a row, along the axes of the mean pose."""

@@ -160,7 +160,16 @@ def _rows(forms: _Forms, pose: Array, covariance: Array, priors: Priors, generat
     variance[:, CURVE] = np.square(forms.deviation)
     whole = variance[:, :, None] * np.eye(CURVE.stop)
     _follow_pose(whole, forms.center, rotation, covariance)
-    return Rows(mean, whole, forms.base, forms.pole, forms.is_straight, np.zeros(count))
+    return Rows(
+        mean=mean,
+        covariance=whole,
+        base=forms.base,
+        pole=forms.pole,
+        is_straight=forms.is_straight,
+        family=np.arange(count),
+        shoves=np.zeros(count, np.int64),
+        log_weight=np.zeros(count),
+    )
 
 
 def _follow_pose(whole: Array, center: Complex, rotation: complex, covariance: Array) -> None:
