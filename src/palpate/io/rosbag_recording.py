@@ -39,7 +39,8 @@ LONGEST_DELAY = 0.1
 _READ = {
     "image topic": "sensor_msgs Image and CompressedImage, foxglove RawImage and CompressedImage",
     "topic of contact flags": "std_msgs Bool",
-    "source of poses": "geometry_msgs PoseStamped and PoseWithCovarianceStamped, foxglove PoseInFrame, and transforms",
+    "source of poses": "geometry_msgs PoseStamped, PoseWithCovarianceStamped and TransformStamped, nav_msgs Odometry, "
+    "foxglove PoseInFrame, and transforms",
 }
 """Kinds of topics, and the types of their messages that are read."""
 
