@@ -206,6 +206,10 @@ def test_poses_of_mobile_robots_and_motion_capture(tmp_path, sent, container):
     truth = [sent(each) for each in poses("/object")]
     both = read(tmp_path / "both", few_images() + poses() + truth, container, object_poses="/object")
     same_poses(both.object_pose, true_pose(image_times(6)))
+    beside = [sent(each) for each in poses("/odom")]
+    same_poses(read(tmp_path / "beside", few_images() + poses() + beside, container).sensor_pose, recording.sensor_pose)
+    other = read(tmp_path / "other", few_images() + given + poses("/object"), container, object_poses="/object")
+    same_poses(other.sensor_pose, recording.sensor_pose)
     given[:20] = [sent(each) for each in poses(frame="map")[:20]]
     with pytest.raises(FileError, match="/ee_pose: poses are given in several frames, 'map', 'world'"):
         read(tmp_path / "frames", few_images() + given, container)
