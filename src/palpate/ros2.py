@@ -58,7 +58,7 @@ Example: palpate ros2 --ros-args -p shape:=rectangle -p first_pose:='[0.1, 0.0, 
 
 Topics to remap
   image        touch images: sensor_msgs Image or CompressedImage; of a hand left/image, right/image
-  sensor_pose  poses of the sensor, or of the hand: PoseStamped and others
+  sensor_pose  poses of the sensor, or of the hand: PoseStamped, Odometry and others
 
 Parameters
   shape             the object: a name, the sides of a rectangle such as 0.09x0.06 [m], a file, or unknown, or

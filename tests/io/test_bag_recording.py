@@ -176,6 +176,45 @@ def test_poses_with_covariance(tmp_path):
     same_poses(recording.sensor_pose, true_pose(image_times(6)))
 
 
+def as_odometry(message: Message) -> Message:
+    """A pose as mobile robots send it."""
+    twist = {"linear": dict.fromkeys("xyz", 9.0), "angular": dict.fromkeys("xyz", 9.0)}
+    content = {
+        "header": message.content["header"],
+        "child_frame_id": "digit",
+        "pose": {"pose": message.content["pose"], "covariance": np.zeros(36)},
+        "twist": {"twist": twist, "covariance": np.zeros(36)},
+    }
+    return replace(message, type="nav_msgs/msg/Odometry", content=content)
+
+
+def as_transform(message: Message) -> Message:
+    """A pose as motion capture sends it: a topic of its own for each body."""
+    pose = message.content["pose"]
+    transform = {"translation": pose["position"], "rotation": pose["orientation"]}
+    content = {"header": message.content["header"], "child_frame_id": "digit", "transform": transform}
+    return replace(message, type="geometry_msgs/msg/TransformStamped", content=content)
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize("sent", [as_odometry, as_transform])
+def test_poses_of_mobile_robots_and_motion_capture(tmp_path, sent, container):
+    given = [sent(each) for each in poses()]
+    recording = read(tmp_path, few_images() + given, container)
+    assert recording.time.tolist() == (image_times(6) / 1e9).tolist()
+    same_poses(recording.sensor_pose, true_pose(image_times(6)))
+    truth = [sent(each) for each in poses("/object")]
+    both = read(tmp_path / "both", few_images() + poses() + truth, container, object_poses="/object")
+    same_poses(both.object_pose, true_pose(image_times(6)))
+    beside = [sent(each) for each in poses("/odom")]
+    same_poses(read(tmp_path / "beside", few_images() + poses() + beside, container).sensor_pose, recording.sensor_pose)
+    other = read(tmp_path / "other", few_images() + given + poses("/object"), container, object_poses="/object")
+    same_poses(other.sensor_pose, recording.sensor_pose)
+    given[:20] = [sent(each) for each in poses(frame="map")[:20]]
+    with pytest.raises(FileError, match="/ee_pose: poses are given in several frames, 'map', 'world'"):
+        read(tmp_path / "frames", few_images() + given, container)
+
+
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_transforms_along_a_chain(tmp_path, container):
     """The arm moves at 50 Hz; how it holds the sensor, turned about x and moved on, stands in a static transform."""
@@ -237,7 +276,7 @@ FORKED = few_images() + still("base left", "base right")
         (
             few_images(),
             {},
-            "has no source of poses; there are none of a type that is read, which are .* PoseStamped and",
+            "has no source of poses; there are none of a type that is read, which are .* nav_msgs Odometry, foxglove",
         ),
         (FORKED, {}, "more than one source of poses; there are base:left, base:right; .* --sensor-poses .* PARENT:"),
         (FORKED + still("map tag"), {}, "there are base:left, base:right, map:tag; frames of transforms are base"),

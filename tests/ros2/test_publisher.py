@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate import Estimate, FrameError, Outline, SettingError, ros2
-from palpate.io.ros_messages import POSE, POSE_TYPES, ros_types
+from palpate.io.ros_messages import ODOMETRY, POSE, POSE_TYPES, TRANSFORM, ros_types
 from palpate.live.sources import TimedPose, TouchImage
 from palpate.types.estimate import Answer
 
@@ -86,6 +86,19 @@ def test_poses_of_a_flange_are_moved_to_the_gel():
     flange.pose.orientation = SimpleNamespace(x=0.0, y=turn, z=0.0, w=turn)  # its z axis along the world's x
     (pose,) = heard(ros2.Topics(FakeNode([flange], sensor_T_gel=gel)), 1)
     assert isinstance(pose, TimedPose) and pose.pose == pytest.approx([0.6, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("type_", [ODOMETRY, TRANSFORM])
+def test_poses_of_mobile_robots_and_motion_capture(type_):
+    sent = message(0.2)
+    pose = vars(sent).pop("pose")
+    if type_ == ODOMETRY:
+        sent.pose = SimpleNamespace(pose=pose)
+    else:
+        sent.transform = SimpleNamespace(translation=pose.position, rotation=pose.orientation)
+    sent.child_frame_id = "digit"
+    (heard_pose,) = heard(ros2.Topics(FakeNode([sent], type_)), 1)
+    assert isinstance(heard_pose, TimedPose) and heard_pose.pose == pytest.approx([0.5, 0.0, 0.0])
 
 
 def test_a_topic_of_another_type_is_refused():

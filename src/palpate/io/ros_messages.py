@@ -20,11 +20,13 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+TRANSFORM = "geometry_msgs/msg/TransformStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
 POLYGON = "geometry_msgs/msg/PolygonStamped"
 BOOL = "std_msgs/msg/Bool"
 
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, "foxglove.RawImage", "foxglove.CompressedImage")
-POSE_TYPES = (POSE, POSE_WITH_COVARIANCE, "foxglove.PoseInFrame")
+POSE_TYPES = (POSE, POSE_WITH_COVARIANCE, TRANSFORM, ODOMETRY, "foxglove.PoseInFrame")
 _ROS_TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 TRANSFORM_TYPES = (*_ROS_TRANSFORM_TYPES, "foxglove.FrameTransform", "foxglove.FrameTransforms")
 READ_TYPES = (*IMAGE_TYPES, *POSE_TYPES, *TRANSFORM_TYPES, BOOL)
@@ -194,14 +196,17 @@ def stamp_of(message: Any) -> int | None:
 def poses_of(message: Any) -> list[Pose]:
     """Return the pose in a message of POSE_TYPES, or the transforms in one of TRANSFORM_TYPES; none in others."""
     if hasattr(message, "transforms"):
-        return [
-            _pose(stamped, stamped.child_frame_id, stamped.transform.translation, stamped.transform.rotation)
-            for stamped in message.transforms
-        ]
+        return [_transform(stamped) for stamped in message.transforms]
+    if hasattr(message, "transform"):
+        return [_transform(message)]
     if not hasattr(message, "pose"):
         return []
     pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
     return [_pose(message, "", pose.position, pose.orientation)]
+
+
+def _transform(message: Any) -> Pose:
+    return _pose(message, message.child_frame_id, message.transform.translation, message.transform.rotation)
 
 
 def _pose(message: Any, child: str, position: Any, rotation: Any) -> Pose:

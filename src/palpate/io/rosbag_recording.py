@@ -20,7 +20,7 @@ from palpate.io.decode_message import decoded
 from palpate.io.from_arrays import SpatialFrames, nanoseconds, planar_fields
 from palpate.io.hand_frames import OfFinger, hand_fields
 from palpate.io.recording import Recording
-from palpate.io.ros_messages import BOOL, IMAGE_TYPES, POSE_TYPES, image_in, stamp_of, yuv_order
+from palpate.io.ros_messages import BOOL, IMAGE_TYPES, ODOMETRY, POSE_TYPES, TRANSFORM, image_in, stamp_of, yuv_order
 from palpate.io.rosbag_reader import Contents, CutShort, Stream, bag_messages, contents
 from palpate.io.time_order import check_not_rounded, stamped_in_order
 from palpate.types.choices import DEFAULT_SENSOR, BagChoices
@@ -36,10 +36,13 @@ LONGEST_DELAY = 0.1
 """[s] Largest difference of the times that messages of two streams take to be recorded."""
 
 
+_LAST = (TRANSFORM, ODOMETRY)
+"""Types of poses that are taken where there are no others, unless one is named."""
 _READ = {
     "image topic": "sensor_msgs Image and CompressedImage, foxglove RawImage and CompressedImage",
     "topic of contact flags": "std_msgs Bool",
-    "source of poses": "geometry_msgs PoseStamped and PoseWithCovarianceStamped, foxglove PoseInFrame, and transforms",
+    "source of poses": "geometry_msgs PoseStamped, PoseWithCovarianceStamped and TransformStamped, nav_msgs Odometry, "
+    "foxglove PoseInFrame, and transforms",
 }
 """Kinds of topics, and the types of their messages that are read."""
 
@@ -218,9 +221,9 @@ def _source(bag: Contents, name: str | None, leave_out: _Source | None) -> _Sour
         return _chain(bag, parent.lstrip("/"), child.lstrip("/"))
     chains = _whole_chains(bag)
     topics = bag.of(POSE_TYPES)
-    names = [source for source in [*topics, *chains] if leave_out is None or source != leave_out.name]
+    names = other_poses(bag, leave_out and leave_out.name)
     option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
-    chosen = _only(bag, "source of poses", names, name, option)
+    chosen = name if name in topics else _only(bag, "source of poses", names, name, option)
     if chosen in chains:
         return _chain(bag, *chosen.split(":"))
     frames = sorted(topics[chosen].frames)  # none if all messages are damaged
@@ -306,7 +309,7 @@ def likely_choices(bag: Contents, choices: BagChoices) -> BagChoices:
     What no name or more than one tells stays open.
     """
     images = [*bag.of(IMAGE_TYPES)]
-    poses = [*bag.of(POSE_TYPES), *_whole_chains(bag)]
+    poses = other_poses(bag, None)
     return replace(choices, images=_only_of_touch(images), sensor_poses=_only_of_touch(poses))
 
 
@@ -317,8 +320,14 @@ def _only_of_touch(names: list[str]) -> str | None:
 
 
 def other_poses(bag: Contents, chosen: str | None) -> list[str]:
-    """Return the sources of poses of a bag but the chosen one."""
-    return [name for name in [*bag.of(POSE_TYPES), *_whole_chains(bag)] if name != chosen]
+    """Return the sources of poses of a bag but the chosen one: topics, and whole chains of transforms.
+
+    Odometry and single transforms may be of the base, or of what a chain has as well: they are sources where nothing
+    else is.
+    """
+    first = [*bag.of([kind for kind in POSE_TYPES if kind not in _LAST]), *_whole_chains(bag)]
+    others = [name for name in first if name != chosen]
+    return others or [name for name in bag.of(_LAST) if name != chosen]
 
 
 def _topic_of_frames(bag: Contents, kind: str, names: list[str], choices: BagChoices) -> str:
