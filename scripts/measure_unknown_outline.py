@@ -37,7 +37,7 @@ from palpate_lab.simulate.recordings import Simulation
 from palpate_lab.tactile_slam.smoother import Pressure
 from palpate_lab.tactile_slam.tracking import TactileSlam
 
-SEED = 20261552
+SEED = 20261561
 OBJECTS = ("triangle", "t", "butterfly", "hexagon", "rounded-square")
 SHARED = Path(__file__).resolve().parents[2] / "shared/data"
 SIGMA = 0.035  # [rad] of a direction

@@ -19,7 +19,7 @@ from palpate_lab.parallel import quiet
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.recordings import Simulation
 
-SEED = 774700
+SEED = 774800
 SENSORS = (palpate.DIGIT, palpate.GELSIGHT_MINI)
 
 

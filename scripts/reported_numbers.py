@@ -800,6 +800,7 @@ TABLES: dict[str, Table] = {
     "outline-before": Table(
         {
             "outline": "{name}",
+            "recordings": "{recordings}",
             "pose error before, now": "{rms_mm[before]:.1f}, {rms_mm[now]:.1f} mm",
             "of each, paired": "{rms_mm[difference]:+.1f} ± {rms_mm[standard_error]:.1f} mm",
             "yaw, paired": "{rms_deg[difference]:+.1f} ± {rms_deg[standard_error]:.1f}°",
@@ -811,7 +812,14 @@ TABLES: dict[str, Table] = {
             {
                 "simulated_unknown": "unknown",
                 "simulated_sketch": "sketch",
-                "images": "unknown, ten with images of a DIGIT",
+                "shoved_unknown": "unknown, shoved by something else",
+                "shoved_sketch": "sketch, shoved by something else",
+                "mit_unknown": "unknown, MIT's real motion",
+                "mit_sketch": "sketch, MIT's real motion",
+                "cmu_unknown": "unknown, CMU's real motion",
+                "cmu_sketch": "sketch, CMU's real motion",
+                "images": "unknown, with images of a DIGIT",
+                "images_flat": "unknown, with images of a GelSight Mini",
             },
             "runs",
         ),
