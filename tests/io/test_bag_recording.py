@@ -270,6 +270,11 @@ FORKED = few_images() + still("base left", "base right")
     [
         (TWO_IMAGES + poses(), {}, "more than one image topic; there are /digit/image/compressed, /other; .* --images"),
         (TWO_POSES, {}, "more than one source of poses; there are /ee_pose, /object; name one by --sensor-poses"),
+        (
+            TWO_POSES,
+            {"sensor_poses": "/object", "object_poses": "/object"},
+            "has no source of poses '/object'; there are",
+        ),
         (TWO_POSES, {"sensor_poses": "/ee"}, "has no source of poses '/ee'; there are /ee_pose, /object; name one"),
         (TWO_POSES, {"images": "/camera"}, "has no image topic '/camera'; there are /digit/image/compressed; name"),
         (poses(), {}, "has no image topic; there are none of a type that is read"),

@@ -35,7 +35,7 @@ class _Settings:
     """Number of observations that count as one in the weights of families: their errors last, and a form is never quite
     one of the prior's. With 1 regions of tuning explorations hold too little (docs/unknown_outline.md)."""
     temper_in_family: float = 2.0
-    """The same between rows of a family, which differ in shoves alone: these are told by few observations."""
+    """The same within a family. Its rows differ only in shoves, which a few observations show."""
 
 
 _SETTINGS = _Settings()

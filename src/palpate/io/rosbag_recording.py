@@ -222,8 +222,10 @@ def _source(bag: Contents, name: str | None, leave_out: _Source | None) -> _Sour
     chains = _whole_chains(bag)
     topics = bag.of(POSE_TYPES)
     names = other_poses(bag, leave_out and leave_out.name)
+    if name in topics and (leave_out is None or name != leave_out.name):
+        names.append(name)  # of the last types, too
     option = "--sensor-poses TOPIC or PARENT:CHILD, and --object-poses if one is ground truth"
-    chosen = name if name in topics else _only(bag, "source of poses", names, name, option)
+    chosen = _only(bag, "source of poses", names, name, option)
     if chosen in chains:
         return _chain(bag, *chosen.split(":"))
     frames = sorted(topics[chosen].frames)  # none if all messages are damaged
