@@ -26,8 +26,8 @@ from palpate.arrays import Image
 from palpate.touch.background import background_of
 from palpate.touch.calibration import calibrated
 from palpate.touch.one_image import ImageReader
-from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, learn_from_presses
+from palpate.touch.reader import angle_factor
 from palpate.touch.touch_model import difference_in_light, reduced, shipped_model
 from palpate.types.images import read_image
 from palpate_lab.train.scores import coverage

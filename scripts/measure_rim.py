@@ -20,7 +20,7 @@ from palpate.geometry.shapes import SHAPES
 from palpate.pipeline.metrics import flag_runs, translation_errors
 from palpate.pipeline.track import gathered, track
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.pipeline import TouchReader
+from palpate.touch.reader import TouchReader
 from palpate.tracker_arguments import Unit, noise_of_unit
 from palpate.types.measurements import Measurement
 from palpate_lab.simulate.recordings import COUNT, Simulation, plan

@@ -26,7 +26,7 @@ from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Fingers, OfFinger
 from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, PoseEvidence, Verdict, decide, turn_words
 from palpate.touch.background import Background
-from palpate.touch.pipeline import TouchReader
+from palpate.touch.reader import TouchReader
 from palpate.tracker_arguments import FirstPose, Unit, noise_of_hand, noise_of_unit, priors_of_finger
 from palpate.types.estimate import Estimate
 from palpate.types.hand import Hand, check_names

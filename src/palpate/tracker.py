@@ -19,7 +19,7 @@ from palpate.models.pushing.compiled import MODELS, PUSHING
 from palpate.sensors import OneSensor, Sensors, SeveralFingers, compiled_model_of
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
-from palpate.touch.pipeline import Touch
+from palpate.touch.reader import Touch
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import Unit, check_shape_and_settings, first_pose_of, hand_of, unit_of, units_of
 from palpate.types.estimate import Estimate

@@ -16,7 +16,7 @@ from palpate.config import ANYWHERE_SIGMA, UNLIKELY, NoiseSettings, Priors, Trac
 from palpate.errors import SettingError
 from palpate.geometry.shapes import check_outline
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
-from palpate.touch.pipeline import Touch
+from palpate.touch.reader import Touch
 from palpate.touch.touch_model import TouchModel
 from palpate.types.hand import Hand, check_names
 from palpate.types.measurements import finite_numbers

@@ -15,8 +15,8 @@ import palpate
 from palpate import DIGIT, FileError, Frame, Rectangle, Tracker, load_calibration
 from palpate.touch.background import background_of
 from palpate.touch.calibration import AS_IT_IS, VIEWS, CameraView, DirectionCorrection
-from palpate.touch.pipeline import angle_factor
 from palpate.touch.press_calibration import Presses, learn_from_presses, read_image, read_presses
+from palpate.touch.reader import angle_factor
 from palpate.touch.touch_model import shipped_model
 from palpate_lab.simulate.gel import ball_overlap, touch_image
 from palpate_lab.simulate.unit import SensorUnit, draw_unit

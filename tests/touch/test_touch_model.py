@@ -25,7 +25,7 @@ from palpate import (
     Turn,
 )
 from palpate.touch.calibration import DirectionCorrection
-from palpate.touch.pipeline import TouchReader
+from palpate.touch.reader import TouchReader
 from palpate.touch.touch_model import (
     COLUMNS,
     ROWS,

@@ -434,7 +434,7 @@ def _sensor_of(recordings: Sequence["palpate.Recording"], name: str) -> "palpate
 def image_of(profile: "palpate.SensorProfile", orientation: str, needs_colours: bool, path: Path) -> Any:
     """Return the image in a file as the profile has it. Raises FileError, also if it lacks the colours it needs."""
     from palpate.touch.cells import is_grey
-    from palpate.touch.pipeline import GREY
+    from palpate.touch.reader import GREY
     from palpate.types.images import camera_view, fitted, read_image
 
     size = (profile.image_height, profile.image_width)

@@ -20,7 +20,7 @@ from palpate.input.image_queue import PATIENCE, ImageQueue, Seen
 from palpate.input.input_gate import InputGate
 from palpate.status import InputEvidence
 from palpate.touch.calibration import Calibration
-from palpate.touch.pipeline import TouchReader
+from palpate.touch.reader import TouchReader
 from palpate.types.estimate import Clearance
 from palpate.types.hand import Hand
 from palpate.types.measurements import Frame, Measurement

@@ -16,7 +16,7 @@ from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.cells import is_dark, is_grey
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.pipeline import GREY
+from palpate.touch.reader import GREY
 from palpate.types.estimate import Clearance
 from palpate.types.measurements import Frame, Measurement
 from palpate.types.sensor import SensorProfile

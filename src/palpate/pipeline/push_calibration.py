@@ -41,8 +41,8 @@ from palpate.pipeline.track import first_pose_of_recording
 from palpate.touch.background import first_frames
 from palpate.touch.calibration import Calibration, DirectionCorrection, SetUp, mismatch
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.pipeline import TouchReader
 from palpate.touch.press_calibration import LEFT_OR_RIGHT
+from palpate.touch.reader import TouchReader
 from palpate.touch.touch_model import TouchModel
 from palpate.tracker_arguments import Unit, noise_of_unit
 from palpate.types.measurements import Measurement

@@ -16,7 +16,7 @@ from palpate.touch.cells import is_grey
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.imprint_middle import place_on_unit, read_difference, read_imprint
 from palpate.touch.markers import check_markers, find_markers
-from palpate.touch.pipeline import GREY, angle_factor, misfit
+from palpate.touch.reader import GREY, angle_factor, misfit
 from palpate.touch.touch_model import Difference, TouchModel, difference_in_light, reduced
 from palpate.types.sensor import SensorProfile
 

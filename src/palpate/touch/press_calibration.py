@@ -23,7 +23,7 @@ from palpate.touch.cells import area_means
 from palpate.touch.contact_detector import ContactDetector
 from palpate.touch.imprint_middle import place_on_unit
 from palpate.touch.markers import check_markers, find_markers, without_markers
-from palpate.touch.pipeline import angle_factor
+from palpate.touch.reader import angle_factor
 from palpate.touch.touch_model import COLUMNS, Difference, TouchModel, difference_in_light, no_shipped_model, reduced
 from palpate.types.images import CameraView, read_image
 from palpate.types.sensor import SensorProfile

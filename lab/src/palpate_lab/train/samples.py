@@ -20,7 +20,7 @@ from palpate.touch.background import Background, background_of
 from palpate.touch.calibration import AS_IT_IS, UNCORRECTED, Calibration, calibrated, mismatch
 from palpate.touch.contact_detector import touched
 from palpate.touch.markers import Markers, find_markers, without_markers
-from palpate.touch.pipeline import angle_factor
+from palpate.touch.reader import angle_factor
 from palpate.touch.touch_model import LEVELS, Difference, reduced
 from palpate.types.sensor import SensorProfile
 from palpate_lab.parallel import spread

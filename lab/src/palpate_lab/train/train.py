@@ -17,8 +17,8 @@ from palpate.errors import FileError, SettingError
 from palpate.files import whole_file, write_json
 from palpate.touch import touch_model
 from palpate.touch.calibration import Calibration
-from palpate.touch.pipeline import misfit
 from palpate.touch.press_calibration import Presses, check_spread
+from palpate.touch.reader import misfit
 from palpate.touch.touch_model import NETWORK, OUTPUTS, ModelSettings, Spread, TouchModel, difference_in_light, reduced
 from palpate.types.sensor import SensorProfile
 from palpate_lab.parallel import held_folder

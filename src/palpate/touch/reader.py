@@ -11,8 +11,8 @@ from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import Light, is_grey
-from palpate.touch.imprint import added_variance, is_measured, sunk_with
 from palpate.touch.imprint_middle import read_difference
+from palpate.touch.indentation import added_variance, is_measured, sunk_with
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,
