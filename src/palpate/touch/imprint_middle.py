@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.touch.touch_model import COLUMNS, ROWS, Difference, Reading, TouchModel
+from palpate.touch.touch_model import COLUMNS, ROWS, Difference, TouchModel
 from palpate.types.sensor import SENSORS, SensorProfile
 
 
@@ -54,25 +54,30 @@ class ImprintSettings:
 _MIDDLE = ImprintSettings()
 
 
-def read_difference(model: TouchModel, difference: Difference, sensor: SensorProfile, spread: float = 1.0) -> Reading:
-    """Return the reading of an image of a push, by a model, and by the imprint's middle on a flat pad.
+def place_of_push(
+    by_network: tuple[float, ...], model: TouchModel, difference: Difference, sensor: SensorProfile, spread: float
+) -> tuple[float, ...]:
+    """Return the place along y of a push on a flat pad, by the imprint's middle if it shows, else that by a network.
 
-    The difference is (ROWS, COLUMNS, 3). `spread` is a factor on the variance of a middle, as presses of this unit
-    show it.
+    Both are a mean [m] and a variance [m^2], before the model's own correction of variances. The difference is (ROWS,
+    COLUMNS, 3). `spread` is a factor on the variance of a middle, as presses of this unit show it.
     """
-    reading = model.read(difference)
-    if "place" not in reading or sensor.pixel_pitch is None:
-        return reading
     imprint = read_imprint(difference, sensor)
-    if imprint is not None:
-        scale = model.settings.spread["place"].scale  # which is of the network's variance
-        return {**reading, "place": (imprint[0], (spread * imprint[1] + _MIDDLE.pushed**2) / scale)}
+    if imprint is None:
+        return _place_by_network(by_network, model, sensor)
+    scale = model.settings.spread["place"].scale  # which is of the network's variance
+    return imprint[0], (spread * imprint[1] + _MIDDLE.pushed**2) / scale
+
+
+def _place_by_network(read: tuple[float, ...], model: TouchModel, sensor: SensorProfile) -> tuple[float, ...]:
+    """Return the place by a network, which takes images to show as much of a pad as those that it was trained on."""
+    if sensor.pixel_pitch is None:
+        return read
     shown = sensor.pixel_pitch * sensor.image_width
-    # A network takes images to show as much as those that it was trained on.
     learnt_on = next((each for each in SENSORS.values() if each.name == model.settings.sensor), sensor)
     ratio = shown / ((learnt_on.pixel_pitch or sensor.pixel_pitch) * (learnt_on.image_width or sensor.image_width))
-    place, variance = reading["place"]
-    return {**reading, "place": (ratio * place, ratio**2 * variance)}
+    place, variance = read
+    return ratio * place, ratio**2 * variance
 
 
 def place_on_unit(
@@ -81,22 +86,23 @@ def place_on_unit(
     """Return the place of a press along y of a flat pad and its variance, with errors that all images share.
 
     They are in [m] and [m^2]. A tracker learns these errors from many images; a reading of one has to state them.
-    None if no middle shows, and there is no model or it reads no places. `spread` is that of `read_difference`.
+    None if no middle shows, and there is no model or it reads no places. `spread` is that of `place_of_push`.
     """
     imprint = read_imprint(difference, sensor)
     extent = extent_of(difference, sensor)
     if imprint is not None:
         side = _MIDDLE.side * max(1.0 - extent.width / extent.height, 0.0)
         return imprint[0], spread * imprint[1] + side**2
-    reading = {} if model is None else read_difference(model, difference, sensor)
+    reading = {} if model is None else model.read(difference)
     if model is None or "place" not in reading:
         return None
+    place, variance = _place_by_network(reading["place"], model, sensor)
     # An even imprint is sqrt(3) of its deviations long to either side. Of one that the border cuts off, an image shows
     # hardly more than in which half of it the middle is.
     is_cut_off = extent.reach(extent.centre) < math.sqrt(3.0)
     half = 0.5 * extent.shown / math.sqrt(12.0) if is_cut_off else 0.0
     shared = _MIDDLE.share_of_network * math.hypot(extent.width, half)
-    return reading["place"][0], reading["place"][1] * model.settings.spread["place"].scale + shared**2
+    return place, variance * model.settings.spread["place"].scale + shared**2
 
 
 def read_imprint(difference: Difference, sensor: SensorProfile) -> tuple[float, float] | None:

@@ -14,7 +14,7 @@ from palpate.errors import SettingError
 from palpate.touch.calibration import Calibration, calibrated
 from palpate.touch.cells import is_grey
 from palpate.touch.contact_detector import ContactDetector
-from palpate.touch.imprint_middle import place_on_unit, read_difference, read_imprint
+from palpate.touch.imprint_middle import place_on_unit, read_imprint
 from palpate.touch.markers import check_markers, find_markers
 from palpate.touch.reader import GREY, angle_factor, misfit
 from palpate.touch.touch_model import Difference, TouchModel, difference_in_light, reduced
@@ -93,7 +93,7 @@ class ImageReader:
                 return None, None
             sine = imprint[0] / max(self._sensor.radius, abs(imprint[0]) + 1e-9)
             return self._direction(math.asin(sine), imprint[1] / (self._sensor.radius**2 * (1.0 - sine**2))), None
-        angle, variance = read_difference(self._model, difference, self._sensor)["direction"][:2]
+        angle, variance = self._model.read(difference)["direction"][:2]
         factor = angle_factor(self._model, self._sensor)
         scale = self._model.settings.spread["direction"].scale
         return self._direction(factor * angle, factor**2 * variance * scale), None

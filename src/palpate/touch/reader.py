@@ -11,13 +11,14 @@ from palpate.geometry import se2
 from palpate.touch.background import Background
 from palpate.touch.calibration import UNCORRECTED, Calibration, calibrated
 from palpate.touch.cells import Light, is_grey
-from palpate.touch.imprint_middle import read_difference
+from palpate.touch.imprint_middle import place_of_push
 from palpate.touch.indentation import added_variance, is_measured, sunk_with
 from palpate.touch.touch_model import (
     COLUMNS,
     LEAST_CORNER_LOG_ODDS,
     ROWS,
     SHIPPED_OF,
+    Difference,
     Reading,
     TouchModel,
     difference_in_light,
@@ -89,7 +90,7 @@ class TouchReader:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
         if model is not None and (self.reads_images or (self._is_open and not self._misfit)):
             nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)
-            read_difference(model, nothing, self._sensor)  # opens the network now, not in a robot's loop
+            self._reading(model, nothing)  # opens the network now, not in a robot's loop
 
     @property
     def reads_images(self) -> bool:
@@ -139,10 +140,17 @@ class TouchReader:
             self._background = background
             self._mean = reduced(background.mean)
         difference = difference_in_light(frame.image, self._mean, light)
-        reading = read_difference(self._model, difference, self._sensor, self._spread_of_middles)
+        reading = self._reading(self._model, difference)
         if self._shows_depth:
             self.sunk = sunk_with(self.sunk, difference, reading["direction"][0])
         return self._measurements(reading)
+
+    def _reading(self, model: TouchModel, difference: Difference) -> Reading:
+        """Return the reading of a difference (ROWS, COLUMNS, 3) from the untouched gel."""
+        reading = model.read(difference)
+        if "place" in reading:
+            reading["place"] = place_of_push(reading["place"], model, difference, self._sensor, self._spread_of_middles)
+        return reading
 
     def _measurements(self, reading: Reading) -> list[Measurement]:
         """Return the measurements in a reading of the touch model, corrected by the calibration."""
