@@ -258,8 +258,7 @@ class OneSensor:
     def estimate(self, checked: CheckedFrame, posterior: Known) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
         stream = checked.evidence._replace(sunk=self._touch.sunk, turn=self._turn)
-        estimate = _decided(posterior, stream, checked.frame.time)
-        return self._correction.at_frame_time(estimate, checked.corrected)
+        return moved_on(_decided(posterior, stream, checked.frame.time), checked.corrected.motion_since_image)
 
 
 class SeveralFingers:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate import Estimate, Frame
-from palpate.input.sensor_correction import SensorCorrection
+from palpate.input.sensor_correction import SensorCorrection, moved_on
 from palpate.touch.calibration import SetUp
 from palpate.types.estimate import Answer
 
@@ -54,7 +54,7 @@ def test_the_object_goes_with_the_sensor_in_contact_and_rests_without(contact):
     correction = followed(10)
     pose: Any = np.array([0.3, 0.1, 0.2])
     estimate = Estimate(10 / RATE, pose, np.eye(3), contact, "tracking", answers=(Answer(pose, np.eye(3), 1.0),))
-    found = correction.at_frame_time(estimate, correction.corrected(at(10)))
+    found = moved_on(estimate, correction.corrected(at(10)).motion_since_image)
     expected = pose + np.array([SPEED * DELAY * contact, 0.0, 0.0])
     np.testing.assert_allclose(found.pose, expected, atol=1e-12)
     np.testing.assert_allclose(found.answers[0].pose, expected, atol=1e-12)

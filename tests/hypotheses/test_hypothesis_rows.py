@@ -8,9 +8,9 @@ import planar
 from push_samples import contact_directions, in_two_contacts, model_of
 
 from palpate import ContactDirection, Frame, TrackerSettings
+from palpate.hypotheses.bank import Hypotheses
 from palpate.hypotheses.filter import MultiHypothesisFilter
 from palpate.hypotheses.posterior import Posterior
-from palpate.hypotheses.rows import Hypotheses
 from palpate.models.pushing.belief import Belief
 
 FIRST_SIGMA = np.array([0.02, 0.02, 0.17])

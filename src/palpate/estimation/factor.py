@@ -81,9 +81,3 @@ class Factor:
     def variables(self) -> tuple[str, ...]:
         """Names of the variables that are shared by steps and that the functions read."""
         return tuple(name for name in self.reads if name not in READS)
-
-    def term(self, measurement: Any) -> tuple[float, ...]:
-        """Return the numbers named by `data` of a measurement."""
-        if self.numbers is not None:
-            return tuple(self.numbers(measurement))
-        return tuple(getattr(measurement, name) for name in self.data)

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array, changed
 from palpate.config import UNLIKELY, NoiseSettings
 from palpate.geometry import se2
+from palpate.hypotheses.bank import Hypotheses
 from palpate.hypotheses.proposals.shove import SHOVE_SIGMA
-from palpate.hypotheses.rows import Hypotheses
 from palpate.models.pushing.belief import Belief, clearances
 from palpate.models.pushing.contact_geometry import ContactModel
 from palpate.models.pushing.priors import ObjectPrior

@@ -16,7 +16,7 @@ from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.estimation.window import LAG
 from palpate.geometry import se2
-from palpate.hypotheses.bank import HypothesisBank
+from palpate.hypotheses.bank import Hypotheses, HypothesisBank, single_hypothesis
 from palpate.hypotheses.consistency import ConsistencyMonitor, Tip
 from palpate.hypotheses.outline_places import is_round, outline_places
 from palpate.hypotheses.posterior import Circumstances, Posterior, Tolerance, Touching, posterior_of
@@ -33,7 +33,6 @@ from palpate.hypotheses.proposals.shove import (
 )
 from palpate.hypotheses.reducer import reduced
 from palpate.hypotheses.rest import measured_at_rest
-from palpate.hypotheses.rows import Hypotheses, single_hypothesis
 from palpate.hypotheses.weigher import Weigher, cost_of_contact
 from palpate.models.pushing.belief import Belief, clearances
 from palpate.models.pushing.compiled import PUSHING

@@ -8,8 +8,8 @@ import numpy as np
 
 from palpate.arrays import Array
 from palpate.compiled import compiled
+from palpate.hypotheses.bank import Hypotheses
 from palpate.hypotheses.consistency import ConsistencyMonitor, contradicting_distances
-from palpate.hypotheses.rows import Hypotheses
 from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.manifolds.se2_kernels import between, log
 from palpate.models.pushing.hand_step import FACING

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.arrays import Array, Integers
 from palpate.compiled import compiled
-from palpate.hypotheses.rows import Hypotheses
+from palpate.hypotheses.bank import Hypotheses
 from palpate.manifolds.se2_kernels import position, rotation
 from palpate.models.pushing.contact_geometry import ContactModel
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.hypotheses.bank import Hypotheses
 from palpate.hypotheses.consistency import ConsistencyMonitor
-from palpate.hypotheses.rows import Hypotheses
 from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.measurements import Step, timely
 from palpate.models.pushing.rest_window import RestWindow, own_measure_pose

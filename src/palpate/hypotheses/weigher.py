@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.arrays import Array
 from palpate.compiled import compiled
-from palpate.hypotheses.rows import Hypotheses
+from palpate.hypotheses.bank import Hypotheses
 from palpate.models.pushing.priors import ObjectPrior
 
 LIKELY_WEIGHT = 0.1

@@ -15,7 +15,10 @@ _REMEMBERED = 1.0  # [s] of sensor poses, from which the pose at an image's time
 
 
 def moved_on(estimate: Estimate, motion: Array | None) -> Estimate:
-    """Return an estimate moved with the sensor (3,), which the object follows in contact; between contacts it rests."""
+    """Return an estimate that was made for the time of an image at the time of its frame.
+
+    In contact the object moves with the sensor by its `motion` (3,) since then; between contacts it rests.
+    """
     if motion is None or not estimate.contact:
         return estimate
     answers = tuple(replace(answer, pose=se2.compose(motion, answer.pose)) for answer in estimate.answers)
@@ -23,7 +26,7 @@ def moved_on(estimate: Estimate, motion: Array | None) -> Estimate:
 
 
 class SensorCorrection:
-    """Gives frames the pose that the sensor had when the image was taken, and estimates the time of the frame."""
+    """Gives frames the pose that the sensor had when the image was taken."""
 
     def __init__(self, set_up: SetUp | None) -> None:
         """Take the errors of the set-up; without them frames stay as they are."""
@@ -53,13 +56,6 @@ class SensorCorrection:
         if self._set_up is not None:
             time = used.frame.time
             self._path = [*self._before(time), (time, used.latest_pose)]
-
-    def at_frame_time(self, estimate: Estimate, used: CorrectedFrame) -> Estimate:
-        """Return the estimate, made for the time of the image, at the time of the frame.
-
-        In contact the object moves with the sensor; between contacts it rests.
-        """
-        return moved_on(estimate, used.motion_since_image)
 
     def _before(self, time: float) -> list[tuple[float, Array]]:
         """Return times and poses of the last second before a time [s]."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.hypotheses.bank import Hypotheses, origins
 from palpate.hypotheses.proposals.contact_places import (
     LOG_ODDS_OF_STAYING,
     MOST_PLACES,
@@ -16,7 +17,6 @@ from palpate.hypotheses.proposals.contact_places import (
 )
 from palpate.hypotheses.proposals.hand_places import leaves_several_places, places_of_contact
 from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
-from palpate.hypotheses.rows import Hypotheses, origins
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import ContactModel
 from palpate.models.pushing.measurements import Step

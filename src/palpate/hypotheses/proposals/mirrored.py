@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Flags
-from palpate.hypotheses.rows import Hypotheses
+from palpate.hypotheses.bank import Hypotheses
 
 _UNDECIDED_WEIGHT = 1e-2
 """Weight of images that are mirrored, or are not, from which it is undecided."""

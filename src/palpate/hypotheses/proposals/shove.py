@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.arrays import Array, Flags, Integers
 from palpate.estimation.model import Model
-from palpate.hypotheses.rows import Hypotheses, origins
+from palpate.hypotheses.bank import Hypotheses, origins
 from palpate.hypotheses.weigher import LIKELY_WEIGHT
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.hand import names_of

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.arrays import Array, Flags
 from palpate.estimation.compiled_model import CompiledModel
+from palpate.estimation.factor import Factor
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.variables import DIRECTION_BIAS, DIRECTION_SCALE
@@ -116,27 +117,37 @@ def step_of(measurement: Measurement | OfFinger, times: Sequence[float]) -> int:
     return int(np.argmin(np.abs(np.asarray(times) - time))) + 1 - len(times)
 
 
+def measurement_and_finger(given: Measurement | OfFinger) -> tuple[Measurement, int]:
+    """Return a measurement and the number of the finger that it is of, 0 of a single sensor."""
+    return (given.measurement, given.finger) if isinstance(given, OfFinger) else (given, 0)
+
+
 def terms_of(compiled: CompiledModel, step: Step, number: int) -> tuple[Array, list[tuple[int, OwnMeasurement]]]:
     """Return the terms that arrive with a step of this number, and own measurements with their steps.
 
     Terms are rows (T, numbers of `estimation.records.term_type`) in the order of their steps and kinds.
     """
+    model = compiled.model
     terms: list[tuple[float, ...]] = []
     own: list[tuple[int, OwnMeasurement]] = []
     for index, given in enumerate(step.measurements):
         at = number + step_of(given, step.times)
-        measurement, finger = (given.measurement, given.finger) if isinstance(given, OfFinger) else (given, 0)
+        measurement, finger = measurement_and_finger(given)
+        kind = model.factors_by_measurement.get((type(measurement), finger))
         if isinstance(measurement, OwnMeasurement):
             own.append((at, measurement))
-            continue
-        kind = compiled.model.factors_by_measurement.get((type(measurement), finger))
-        if kind is None:
-            continue
-        factor = compiled.model.factors[kind]
-        data = factor.term(measurement)
-        padding = (compiled.term_data - len(data)) * (0.0,)
-        root = _NO_ROOT if factor.root is None else factor.root(measurement).ravel().tolist()
-        variance = getattr(measurement, "variance", 0.0)
-        terms.append((at, kind, number, index < step.from_touch, variance, *data, *padding, *root))
+        elif kind is not None:
+            numbers = _numbers_of(measurement, model.factors[kind], compiled.term_data)
+            terms.append((at, kind, number, index < step.from_touch, *numbers))
     terms.sort(key=lambda term: term[:2])
     return np.array(terms, np.float64).reshape(-1, compiled.term_size), own
+
+
+def _numbers_of(measurement: Measurement, factor: Factor, most: int) -> tuple[float, ...]:
+    """Return variance, data and root of a measurement, in the order of a term; `most` numbers of data have room."""
+    variance = getattr(measurement, "variance", 0.0)
+    by_name = (getattr(measurement, name) for name in factor.data)
+    data = tuple(by_name if factor.numbers is None else factor.numbers(measurement))
+    padding = (most - len(data)) * (0.0,)
+    root = _NO_ROOT if factor.root is None else factor.root(measurement).ravel().tolist()
+    return (variance, *data, *padding, *root)

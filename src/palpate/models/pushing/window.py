@@ -17,7 +17,7 @@ from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.hand import variable_of
-from palpate.models.pushing.measurements import OfFinger, Step, terms_of
+from palpate.models.pushing.measurements import Step, measurement_and_finger, terms_of
 from palpate.models.pushing.priors import object_prior
 from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.types.measurements import ContactCorner, OwnMeasurement, Turn
@@ -99,7 +99,7 @@ class ContactWindow(PushingWindow):
         Far from the true offset, the robust kernel would leave a turn hardly any weight.
         """
         for index, given in enumerate(step.measurements):
-            measurement, finger = (given.measurement, given.finger) if isinstance(given, OfFinger) else (given, 0)
+            measurement, finger = measurement_and_finger(given)
             if isinstance(measurement, Turn) and finger not in self._have_turns:
                 self._have_turns.add(finger)
                 sign = self.rows["sign"] if index < step.from_touch else 1.0
