@@ -23,9 +23,9 @@ class LibrariesHook(BuildHookInterface):
         import palpate.touch.marks  # noqa: F401
         from palpate.compiled import EVERY
         from palpate.compiled.library import LEVELS, WITH_PALPATE, make
-        from palpate.models.pushing.compiled import hand_pushing
+        from palpate.models.pushing.compiled import pushing_with
 
-        hand_pushing(2)
+        pushing_with(2)
 
         levels = LEVELS if platform.machine() == "x86_64" else ["generic"]
         for path in [make(each, WITH_PALPATE, level) for level in levels for each in EVERY]:

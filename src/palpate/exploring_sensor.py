@@ -32,7 +32,7 @@ class OneSensorExploring(OneSensor):
         no_shape = None  # only the methods below read it
         super().__init__(no_shape, settings, unit, set_up_sigma, is_view_known, PUSHING)  # pyright: ignore[reportArgumentType]
 
-    def estimator(self, first: FirstPose) -> Exploration:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def make_estimator(self, first: FirstPose) -> Exploration:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the exploration of the object."""
         exploration = Exploration(self._outline, self._sensor, self._settings)
         exploration.begin(first.pose, first.covariance)

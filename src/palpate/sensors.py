@@ -20,11 +20,11 @@ from palpate.input.hand_gate import CheckedHand, HandGate
 from palpate.input.input_gate import InputGate
 from palpate.input.sensor_correction import SensorCorrection, moved_on
 from palpate.input.turned_frame import FrameTurnMonitor
-from palpate.models.pushing.compiled import PUSHING, hand_pushing
+from palpate.models.pushing.compiled import PUSHING, pushing_with
 from palpate.models.pushing.contact_geometry import contact_model, hand_contact_model
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Fingers, OfFinger
-from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, PoseEvidence, Verdict, decide, turn_words
+from palpate.status import MIRRORED, Evidence, FrameTurn, InputEvidence, PoseEvidence, Verdict, decide
 from palpate.touch.background import Background
 from palpate.touch.reader import TouchReader
 from palpate.tracker_arguments import FirstPose, Unit, noise_of_hand, noise_of_unit, priors_of_finger
@@ -54,12 +54,12 @@ class Estimator(Protocol):
         ...
 
 
-class Known(Protocol):
-    """What is known of the object after a frame, with the evidence for its status."""
+class AnyPosterior(Protocol):
+    """All that is known of the object after a frame: its pose, or pose and outline."""
 
     @property
     def evidence(self) -> PoseEvidence:
-        """Signs of how well it is known."""
+        """Signs of how well the pose is known, for the status."""
         ...
 
     def estimate(self, time: float, verdict: Verdict) -> Estimate:
@@ -90,7 +90,7 @@ class Sensors(Protocol):
         """Copies of the untouched gels that are known, by finger; "" is one sensor."""
         ...
 
-    def estimator(self, first: FirstPose) -> Estimator:
+    def make_estimator(self, first: FirstPose) -> Estimator:
         """Return the filter that the sensors need, with the object's first pose."""
         ...
 
@@ -114,7 +114,7 @@ class Sensors(Protocol):
         """Return the measurements by touch, of a frame in contact."""
         ...
 
-    def step(self, estimator: Any, checked: Any, measured: Any) -> Known:
+    def step(self, estimator: Any, checked: Any, measured: Any) -> AnyPosterior:
         """Take the frame and its measurements to all hypotheses."""
         ...
 
@@ -125,11 +125,6 @@ class Sensors(Protocol):
     def estimate(self, checked: Any, posterior: Any) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
         ...
-
-
-def compiled_model_of(fingers: int) -> CompiledModel:
-    """Return the model of one sensor, or of so many fingers."""
-    return hand_pushing(fingers) if fingers else PUSHING
 
 
 class OneSensor:
@@ -157,7 +152,7 @@ class OneSensor:
         self._shape = shape
         self._sensor = unit.sensor
 
-    def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
+    def make_estimator(self, first: FirstPose) -> MultiHypothesisFilter:
         """Return the filter of the object."""
         return MultiHypothesisFilter(
             contact_model(self._shape, self._sensor),
@@ -170,8 +165,7 @@ class OneSensor:
 
     def begin(self, pose: Array, covariance: Array) -> None:
         """Take the object's first pose: the first contact tells if the sensor's frame is turned."""
-        monitor = FrameTurnMonitor(self._shape, self._sensor, pose, covariance)
-        self._turn_monitor = monitor if monitor.is_open else None  # until all touches that tell have been seen
+        self._turned_frame = FrameTurnMonitor(self._shape, self._sensor, pose, covariance)
         self._turn: FrameTurn | None = None
         self._is_mirrored_told = False
 
@@ -222,32 +216,18 @@ class OneSensor:
         measured = _measured(self._touch, checked)
         return checked_measurements(checked.frame.time, measured, self._tips) if self._is_touch_given else measured
 
-    def _look_for_turn(self, monitor: FrameTurnMonitor, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
-        """Compare the first touches with the outline, and warn once if the sensor's frame is turned."""
-        monitor.see(checked.frame, measured)
-        if monitor.found is not None and self._turn is None:
-            logger.warning("frame at %.3f s: %s", checked.frame.time, turn_words(monitor.found))
-        self._turn = monitor.found
-        if not monitor.is_open:
-            self._turn_monitor = None
-
-    def _warn_that_mirrored(self, time: float) -> None:
-        """Warn once that images are taken as mirrored, unless the sensor's frame is turned, which looks like it."""
-        if self._is_mirrored_told or self._turn_monitor is not None:
-            return
-        self._is_mirrored_told = True
-        if self._turn is None:
-            logger.warning("frame at %.3f s: %s", time, MIRRORED)
-
     def step(
         self, estimator: MultiHypothesisFilter, checked: CheckedFrame, measured: Sequence[Measurement]
     ) -> Posterior:
         """Take the frame and its measurements to all hypotheses."""
-        if self._turn_monitor is not None and self._touch.reads_images:
-            self._look_for_turn(self._turn_monitor, checked, measured)
+        if self._turned_frame.is_watching and self._touch.reads_images:
+            self._turned_frame.see(checked.frame, measured)
+            self._turn = self._turned_frame.found
         posterior = estimator.step(checked.frame, measured, checked.evidence.hidden_motion, self._touch.sunk)
-        if estimator.is_mirrored:
-            self._warn_that_mirrored(checked.frame.time)
+        if estimator.is_mirrored and not self._is_mirrored_told and not self._turned_frame.is_watching:
+            self._is_mirrored_told = True
+            if self._turn is None:  # a turned frame looks like mirrored images
+                logger.warning("frame at %.3f s: %s", checked.frame.time, MIRRORED)
         return posterior
 
     def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
@@ -255,7 +235,7 @@ class OneSensor:
         self._gate.accept(checked, measured)
         self._correction.accept(checked.corrected)
 
-    def estimate(self, checked: CheckedFrame, posterior: Known) -> Estimate:
+    def estimate(self, checked: CheckedFrame, posterior: AnyPosterior) -> Estimate:
         """Return the estimate at the time of the frame, with its status and the reason for it."""
         stream = checked.evidence._replace(sunk=self._touch.sunk, turn=self._turn)
         return moved_on(_decided(posterior, stream, checked.frame.time), checked.corrected.motion_since_image)
@@ -286,7 +266,7 @@ class SeveralFingers:
             priors_of_finger(settings.noise, unit, set_up_sigma, len(units)) for unit in units.values()
         )
 
-    def estimator(self, first: FirstPose) -> MultiHypothesisFilter:
+    def make_estimator(self, first: FirstPose) -> MultiHypothesisFilter:
         """Return the filter of a hand."""
         return MultiHypothesisFilter(
             self._model,
@@ -294,7 +274,7 @@ class SeveralFingers:
             first.pose,
             first.covariance,
             may_be_mirrored=self._may_be_exchanged,
-            compiled=hand_pushing(len(self._hand.fingers)),
+            compiled=pushing_with(len(self._hand.fingers)),
             priors_of_fingers=self._priors_of_fingers,
         )
 
@@ -389,6 +369,6 @@ def _measured(touch: TouchReader, checked: CheckedFrame) -> Sequence[Measurement
     return touch.read(checked.frame, checked.background, checked.light)
 
 
-def _decided(posterior: Known, stream: InputEvidence, time: float) -> Estimate:
+def _decided(posterior: AnyPosterior, stream: InputEvidence, time: float) -> Estimate:
     """Return the estimate of a posterior at a time [s], with the status that all evidence decides."""
     return posterior.estimate(time, decide(Evidence(posterior.evidence, stream)))

@@ -15,8 +15,8 @@ from palpate.config import TactileChoice, TrackerSettings
 from palpate.errors import EstimationError, SettingError
 from palpate.estimation.compiled_model import CompiledModel
 from palpate.geometry.shapes import Shape
-from palpate.models.pushing.compiled import MODELS, PUSHING
-from palpate.sensors import OneSensor, Sensors, SeveralFingers, compiled_model_of
+from palpate.models.pushing.compiled import MODELS, PUSHING, pushing_with
+from palpate.sensors import OneSensor, Sensors, SeveralFingers
 from palpate.touch.background import Background
 from palpate.touch.calibration import Calibration
 from palpate.touch.reader import Touch
@@ -86,10 +86,10 @@ class Tracker:
             if isinstance(shape, Unknown | Sketch):
                 raise SettingError("the outline is not known, and the sensor is a hand; one sensor alone learns it")
             units = units_of(hand, model, calibration, touch)
-            warm_up(compiled_model_of(len(hand.fingers)))
+            warm_up(pushing_with(len(hand.fingers)))
             self._sensors = SeveralFingers(shape, hand, settings, units, set_up_sigma, is_view_known)
         self._makes_frame = isinstance(shape, Unknown)
-        self._filter = self._sensors.estimator(self._first)
+        self._filter = self._sensors.make_estimator(self._first)
         self._sensors.begin(self._first.pose, self._first.covariance)
 
     def __copy__(self) -> "Tracker":

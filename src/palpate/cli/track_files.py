@@ -132,10 +132,10 @@ def read_first_poses(path: Path) -> dict[str, Start]:
 
 def load_estimator(fingers: int = 0) -> None:
     """Load compiled code, for a hand of so many fingers or for one sensor, with a bar as the first time takes 30 s."""
-    from palpate.sensors import compiled_model_of
+    from palpate.models.pushing.compiled import pushing_with
     from palpate.tracker import machine_code, warm_up
 
-    graph = compiled_model_of(fingers)
+    graph = pushing_with(fingers)
     with progress_bar("loading the estimator", len(machine_code(graph))) as progress:
         warm_up(graph, progress)
 

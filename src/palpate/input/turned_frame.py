@@ -4,6 +4,7 @@ The outline and the image each give the direction in which the gel is touched; t
 lie the other way give the opposite direction, so there are two answers: one for upright and one for mirrored images.
 """
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,9 +15,11 @@ import numpy as np
 from palpate.arrays import Array, Flags
 from palpate.geometry import se2
 from palpate.geometry.shapes import Shape
-from palpate.status import FrameTurn
+from palpate.status import FrameTurn, turn_words
 from palpate.types.measurements import ContactDirection, Frame, Measurement
 from palpate.types.sensor import SensorProfile
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class _Touch(NamedTuple):
 
 
 class FrameTurnMonitor:
-    """Compares touch at the first contact with the outline of an object whose first pose is known."""
+    """Compares touch at the first contact with the outline of an object whose first pose is known, and warns once."""
 
     def __init__(self, shape: Shape, sensor: SensorProfile, pose: Array, covariance: Array) -> None:
         """Take the outline, the sensor, and the object's first pose (3,) with its covariance (3, 3)."""
@@ -69,22 +72,23 @@ class FrameTurnMonitor:
         self._touches: list[_Touch] = []
         self._unread_way = 0.0  # [m] in contact, before a direction was read
         self._contact_pose: Array | None = None  # of the sensor in the frame before, if it touched
-        self.is_open = len(sensor.tips) == 1 and not sensor.flat_width
+        self.is_watching = len(sensor.tips) == 1 and not sensor.flat_width
         """True until all touches that tell have been seen."""
         self.found: FrameTurn | None = None
         """The turn; None if there is none, or it does not show."""
 
     def see(self, frame: Frame, measured: Sequence[Measurement]) -> None:
-        """Take a frame with what was read from its image."""
-        if not self.is_open:
-            return
+        """Take a frame with what was read from its image, while `is_watching`."""
         directions = [one for one in measured if isinstance(one, ContactDirection)]
         has_left = self._has_left(frame)
         if directions and not has_left:
             self._touches.append(_Touch(frame.sensor_pose, directions[0].angle, directions[0].variance))
-        self.is_open = not has_left and len(self._touches) < _LIMITS.most
-        if len(self._touches) == _LIMITS.fewest or (len(self._touches) > _LIMITS.fewest and not self.is_open):
-            self.found = self._turn()
+        self.is_watching = not has_left and len(self._touches) < _LIMITS.most
+        if len(self._touches) == _LIMITS.fewest or (len(self._touches) > _LIMITS.fewest and not self.is_watching):
+            turn = self._turn()
+            if turn is not None and self.found is None:
+                logger.warning("frame at %.3f s: %s", frame.time, turn_words(turn))
+            self.found = turn
 
     def _has_left(self, frame: Frame) -> bool:
         """Return true if the object may be elsewhere by now: the first contact ended, or the sensor went far in one."""
@@ -132,7 +136,6 @@ class FrameTurnMonitor:
         place = se2.transform(object_T_sensor[:, None], point)[:, 0]
         step = 1e-4  # [m]
         shifts = step * np.array(((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)))
-        assert self._shape is not None, "it is looked at no longer"
         distance = self._shape.signed_distance(place + shifts[:, None])
         inward = np.arctan2(distance[3] - distance[2], distance[1] - distance[0])
         return se2.wrap(inward - object_T_sensor[:, 2] - direction)

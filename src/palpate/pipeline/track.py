@@ -15,7 +15,7 @@ from palpate.config import ANYWHERE_SIGMA, NoiseSettings, TrackerSettings
 from palpate.errors import FileError, FrameError, PalpateError, SettingError, kept_warnings, one_line
 from palpate.geometry.shapes import Disc
 from palpate.io.recording import Recording
-from palpate.models.pushing.compiled import hand_pushing
+from palpate.models.pushing.compiled import pushing_with
 from palpate.models.pushing.layout import NAMES
 from palpate.pipeline.check_hand import check_calibrations
 from palpate.pipeline.check_motion import mismatches
@@ -29,7 +29,6 @@ from palpate.pipeline.learnt_outline import (
 )
 from palpate.pipeline.metrics import ambiguous_by_origin, flag_runs, innovation_scores, summarise
 from palpate.pipeline.report import reasons_of
-from palpate.sensors import compiled_model_of
 from palpate.touch.calibration import Calibration
 from palpate.touch.touch_model import TouchModel, shipped_model
 from palpate.tracker import Tracker, warm_up
@@ -105,7 +104,7 @@ def track(
     first, sigma = start_of(recording, settings.noise, first_pose, first_pose_sigma, outline)
     _check_content(recording, settings.tactile, outline)
     check_calibrations(recording, calibration)
-    warm_up(compiled_model_of(len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
+    warm_up(pushing_with(len(recording.hand.fingers) if recording.hand else 0))  # warns of no recording
     with kept_warnings() as warnings:
         of_fingers = calibration if isinstance(calibration, Mapping) else {}
         unit = None if isinstance(calibration, Mapping) else calibration
@@ -173,7 +172,7 @@ def start_of(
 
 def _factors(recording: Recording) -> tuple[str, ...]:
     """Return the names of the factors that a recording is tracked with."""
-    return NAMES if recording.hand is None else hand_pushing(len(recording.hand.fingers)).model.names
+    return NAMES if recording.hand is None else pushing_with(len(recording.hand.fingers)).model.names
 
 
 def _used_model(recording: Recording, settings: TrackerSettings, model: TouchModel | None) -> TouchModel | None:

@@ -92,12 +92,14 @@ def extended_pushing(model: Model, path: Path | str) -> CompiledModel:
 
 
 @cache
-def hand_pushing(fingers: int) -> CompiledModel:
-    """Return the model of pushing with so many fingers, two or more, for compiled code.
+def pushing_with(fingers: int) -> CompiledModel:
+    """Return the model of pushing with so many fingers for compiled code; that of one sensor for 0.
 
-    Those of two and three come with palpate. For more, SymPy writes the code where compiled code is kept, once; raises
-    SettingError without SymPy, or where nothing can be kept.
+    Those of two and three fingers come with palpate. For more, SymPy writes the code where compiled code is kept, once;
+    raises SettingError without SymPy, or where nothing can be kept.
     """
+    if fingers == 0:
+        return PUSHING
     model = hand_model(fingers)
     if fingers == 2:
         from palpate.models import generated_two_fingers
