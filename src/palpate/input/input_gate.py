@@ -9,6 +9,7 @@ from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.errors import FrameError, SettingError
 from palpate.input.checked_frame import CheckedFrame, CorrectedFrame
 from palpate.input.pose_monitor import PoseMonitor, SensorMotion
+from palpate.input.push_direction import PushDirection
 from palpate.input.touch_changes import TouchChanges
 from palpate.input.unseen_contact import UnseenContact
 from palpate.status import InputEvidence
@@ -81,6 +82,7 @@ class InputGate:
 
     def _begin(self) -> None:
         self._poses = PoseMonitor(self._rate, self._only_pushes)
+        self._push = PushDirection()
         self._changes = TouchChanges(self._rate)
         # The first images, taken as untouched, may show a touch.
         self._may_show_touch = self._detector.background is None
@@ -112,7 +114,7 @@ class InputGate:
         self._remember_touch(seen)
         may_be_in_contact = seen.contact or goes_on_unseen
         motion = self._poses.check_pose(frame.time, frame.sensor_pose, may_be_in_contact, self._changes, closed)
-        has_drawn_back = motion.drawn_back > _NOTICEABLE  # which it could not in contact, as it cannot pull
+        has_drawn_back = motion.drawn_back > _NOTICEABLE  # out of contact, as a sensor that pushes cannot pull
         if has_drawn_back and seen.image is not None:
             self._detector.forget()  # the gel or the light has changed
             self._may_show_touch = False
@@ -120,6 +122,8 @@ class InputGate:
             goes_on_unseen = False
         in_contact = seen.contact or (goes_on_unseen and not motion.was_unobserved)
         unseen_push = max(self._hidden_motion, _NOTICEABLE if has_drawn_back else 0.0)
+        sees_touch = seen.contact and seen.image is not None and not motion.was_unobserved
+        self._push.see(frame.sensor_pose, sees_touch and self._only_pushes)
         self._touches_since_start = seen.touches_since_start
         self._hidden_motion = motion.hidden
         was_in_contact = self.last is not None and bool(self.last.contact)
@@ -137,13 +141,12 @@ class InputGate:
 
     def _evidence(self, seen: _Seen, motion: SensorMotion) -> InputEvidence:
         """Return the signs that the stream is faulty or weak."""
-        sees_touch = seen.contact and seen.image is not None and not motion.was_unobserved
         return InputEvidence(
             hidden_motion=motion.hidden,
             touches_since_start=seen.touches_since_start,
             doubt=self._detector.doubt,
-            weakness=self._poses.weakness(sees_touch),
-            push_angle=self._poses.push_angle,
+            weakness=self._poses.weakness or self._push.weakness,
+            push_angle=self._push.angle,
         )
 
     def accept(self, checked: CheckedFrame, measured: Sequence[Measurement]) -> None:
@@ -201,12 +204,15 @@ class InputGate:
                 raise SettingError(GREY)
             return self._detector.update(image)
         except SettingError as error:
-            if self._learns_anew(clearance):
+            if self._takes_new_view(clearance):
                 return False
             raise FrameError(f"frame at {time:.3f} s: {error}") from error
 
     def _touches_before_gel_is_known(self, clearance: Clearance | None, shows_touch: bool) -> bool:
-        """Return True in a contact since before the untouched gel was known, in which touch cannot measure."""
+        """Return True in a contact since before the untouched gel was known, in which touch cannot measure.
+
+        A frame that is clear of the object, or a touch that comes later, tells that the gel was untouched.
+        """
         if clearance is None or not (self._may_show_touch or self.background is None):
             return False
         if self._touches_since_start:
@@ -217,8 +223,8 @@ class InputGate:
         # Mounting and outline may be wrong by some millimetres.
         return self._may_show_touch and clearance.distance < -max(_WELL_INSIDE * clearance.deviation, LARGEST_ERROR[0])
 
-    def _learns_anew(self, clearance: Clearance | None) -> bool:
-        """Take a new steady view as the untouched gel, unless something may touch; return True if it was taken."""
+    def _takes_new_view(self, clearance: Clearance | None) -> bool:
+        """Take a new steady view as the untouched gel, unless something may touch it; return True if it was taken."""
         if clearance is None or self._detector.new_view is None:
             return False
         may_reach = UNLIKELY * clearance.deviation

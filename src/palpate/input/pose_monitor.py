@@ -1,4 +1,4 @@
-"""Plausibility of a stream's times and poses, and sentences on its rate and its direction of pushing.
+"""Plausibility of a stream's times and poses, and a sentence on its rate.
 
 A single outlier is refused. If the frames after it agree with it, the stream has really changed, as by a clock that was
 set, and is accepted.
@@ -16,9 +16,6 @@ from palpate.checks import SPAN, other_time_unit
 from palpate.config import LARGEST_ERROR
 from palpate.errors import FrameError
 from palpate.input.touch_changes import TouchChanges
-
-SIDEWAYS_PUSH = 1.22
-"""[rad] 70 degrees from the sensor's x axis, from which a push is sideways."""
 
 Pose = tuple[float, float, float]
 """x [m], y [m], theta [rad]."""
@@ -51,15 +48,6 @@ class _Limits:
 _LIMITS = _Limits()
 
 
-def axis_words(angle: float) -> str:
-    """Return a sentence on a sensor that moves at an angle [rad] from its x axis while it touches."""
-    axis = ("+x", "+y", "-x", "-y")[round(angle / (0.5 * math.pi)) % 4]
-    question = "is its frame turned (sensor_T_gel), or is w the first of each quaternion?"
-    return (
-        f"the sensor moves along {axis} of its own frame in contact; its x axis must point along the push: {question}"
-    )
-
-
 class _Sample(NamedTuple):
     """A pose of the stream with its time [s]."""
 
@@ -82,7 +70,7 @@ class SensorMotion(NamedTuple):
 
 
 class PoseMonitor:
-    """Refuses implausible times and poses, detects poses that are frozen, and names a weakness of the stream."""
+    """Refuses implausible times and poses, detects poses that are frozen, and names a rate that is too low or high."""
 
     def __init__(self, rate: float, only_pushes: bool = True) -> None:
         """Take the sensor's frame rate [Hz]; one that holds the object with another does not only push along its x."""
@@ -98,10 +86,7 @@ class PoseMonitor:
         self._elsewhere: list[_Sample] = []  # implausible poses in a row that agree with each other
         self._implausible_time: float | None = None
         self._in_contact = False
-        self._saw_touch = False
         self._intervals: deque[float] = deque(maxlen=_LIMITS.recent_frames)  # [s]
-        self._moved = 0j  # [m] in the sensor frame, since the frame before
-        self._pushed = 0j  # [m] in the sensor frame, in all contacts
         self._hidden = 0.0  # see SensorMotion
         self._drawn_back = 0.0
 
@@ -146,24 +131,19 @@ class PoseMonitor:
         is_late = interval > _LIMITS.recent_frames * usual_interval
         if self._last is not None:
             self._intervals.append(interval)
-        self._moved = complex(x - last.pose[0], y - last.pose[1]) * cmath.rect(1.0, -yaw)
+        moved = complex(x - last.pose[0], y - last.pose[1]) * cmath.rect(1.0, -yaw)  # in the sensor frame
         self._elsewhere = []
         self._last = now
         self._in_contact = in_contact
-        self._follow(now, repeats, goes_on, is_elsewhere, self._moved.real if self._only_pushes else closed)
+        self._follow(now, repeats, goes_on, is_elsewhere, moved.real if self._only_pushes else closed)
         self._is_frozen = repeats and (self._is_frozen or (in_contact and self._moves_hidden(touch)))
         hidden = self._way_since_stop(time) if self._is_frozen and in_contact else 0.0
         self._hidden = hidden if hidden > _LIMITS.harmless_motion else 0.0
         return SensorMotion(is_elsewhere or is_late, possible_push, self._hidden, self._drawn_back)
 
-    def weakness(self, sees_touch: bool) -> str:
-        """Return a sentence on the rate or the direction of pushing, if it makes the estimate worse; else "".
-
-        Contact without an image does not count, as a tip may be round and its frame lie anyhow.
-        """
-        if sees_touch and self._saw_touch and self._only_pushes:
-            self._pushed += self._moved
-        self._saw_touch = sees_touch
+    @property
+    def weakness(self) -> str:
+        """Sentence on a rate that makes the estimate worse; empty if it does not."""
         without_longest = sorted(self._intervals)[:-1]  # a single gap does not count
         usual = sum(without_longest) / (_LIMITS.recent_frames - 1)
         if len(self._intervals) == _LIMITS.recent_frames and usual * self._rate >= _LIMITS.slow_stream:
@@ -172,14 +152,7 @@ class PoseMonitor:
         if len(self._intervals) == _LIMITS.recent_frames and 0.0 < usual * self._rate <= _LIMITS.fast_stream:
             found = f"frames come {1.0 / usual:.3g} times a second and not {self._rate:g} times"
             return f"{found}: the estimate is too sure; keep one in {round(1.0 / (usual * self._rate))}"
-        return axis_words(self.push_angle) if abs(self.push_angle) >= SIDEWAYS_PUSH else ""
-
-    @property
-    def push_angle(self) -> float:
-        """Angle [rad] of the sensor's motion while it touches from its x axis; 0 while it is short."""
-        # A shorter motion may be an error of the stated poses.
-        is_long = abs(self._pushed) * math.cos(SIDEWAYS_PUSH) >= LARGEST_ERROR[0]
-        return cmath.phase(self._pushed) if is_long else 0.0
+        return ""
 
     def _follow(self, now: _Sample, repeats: bool, goes_on: bool, is_elsewhere: bool, forward: float) -> None:
         """Take a plausible pose into the motion of this contact, or begin another motion with it.

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.arrays import Array, Flags
 from palpate.config import LARGEST_ERROR, UNLIKELY
 from palpate.geometry import se2
-from palpate.input.pose_monitor import SIDEWAYS_PUSH, axis_words
+from palpate.input.push_direction import SIDEWAYS_PUSH, axis_words
 from palpate.io.recording import Recording
 
 

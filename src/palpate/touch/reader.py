@@ -63,12 +63,12 @@ class TouchReader:
         """
         self.tactile: TactileChoice = tactile
         """Source of the measurements; in place of auto, the source chosen once the untouched gel is known."""
-        self.sunk = 0.0
-        """Indentation beyond the usual one, as the images of this contact show it [m]; 0 where they do not."""
         self.reason = ""
         """Reason for that choice; empty if the source was given."""
+        self.sunk = 0.0
+        """Indentation beyond the usual one, as the images of this contact show it [m]; 0 where they do not."""
         self._own = own
-        self._is_open = own is None and tactile == "auto"  # the source is not yet chosen
+        self._may_choose = own is None and tactile == "auto"  # until a touch model is chosen
         self._correction = calibration.direction if calibration else UNCORRECTED
         self._background: Background | None = None
         self._mean: Levels = np.zeros(0, np.float32)  # of the background, reduced
@@ -88,7 +88,7 @@ class TouchReader:
         self._shows_depth = is_measured(model)
         if self.reads_images and self._misfit:
             raise SettingError(f"tactile is {tactile}; {self._misfit}")
-        if model is not None and (self.reads_images or (self._is_open and not self._misfit)):
+        if model is not None and (self.reads_images or (self._may_choose and not self._misfit)):
             nothing = np.zeros((ROWS, COLUMNS, 3), np.float32)
             self._reading(model, nothing)  # opens the network now, not in a robot's loop
 
@@ -98,12 +98,12 @@ class TouchReader:
         return self.tactile == "learnt" and self._own is None
 
     def choose(self, image: Image | None, background: Background | None) -> None:
-        """Choose the source where it is auto, by the untouched gel, as the first images may be grey or white.
+        """Choose the source where it is auto: the touch model, if there is one that reads such images, or none.
 
-        The touch model is chosen if there is one that reads such images: of its size, of one tip, and in colours, which
-        the user's own model may not need.
+        They have its size, are of one tip, and have colours, which the user's own model may not need. The untouched gel
+        tells of colours, as the first images of a camera may be grey or white.
         """
-        if not self._is_open:
+        if not self._may_choose:
             return
         if image is None:
             self.tactile = "none"
@@ -119,14 +119,13 @@ class TouchReader:
         else:
             self.tactile = "learnt"
             self.reason = f"images fit the touch model of the {self._model.settings.sensor}"
-            self._is_open = False
+            self._may_choose = False
 
     def read(self, frame: Frame, background: Background | None, light: Light | None = None) -> Sequence[Measurement]:
         """Return the measurements of a frame of contact; `background` is the untouched gel at present.
 
         Images are compared with the untouched gel in their own light, which is fitted unless the contact detector has
-        done so; during a contact the gel changes by new marks alone.
-        Raises EstimationError if a touch model has no image to read.
+        done so. Raises EstimationError if a touch model has no image to read.
         """
         if self._own is not None:
             return self._own.measure(frame)
@@ -136,7 +135,7 @@ class TouchReader:
             return ()
         if frame.image is None or background is None:
             raise EstimationError(f"frame at {frame.time:.3f} s has no image, and learnt touch needs one")
-        if self._background is not background:
+        if self._background is not background:  # which is another object once it has changed
             self._background = background
             self._mean = reduced(background.mean)
         difference = difference_in_light(frame.image, self._mean, light)
