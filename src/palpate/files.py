@@ -175,10 +175,12 @@ def column_name(written: str) -> str:
 def read_table(path: Path | str, needed: Sequence[str], optional: Sequence[str] = ()) -> list[tuple[int, list[str]]]:
     """Return these columns of a table, row by row with its line; cells of optional columns that are absent are "".
 
-    Raises FileError if a needed column is missing, or if there is no optional column but an unknown one, which may be
+    Lines that begin with # are remarks, but for one that names the columns. Raises FileError if a needed column is
+    missing, or if there is no optional column but an unknown one, which may be
     an optional one by another name.
     """
     text = re.sub(r"\Asep=.", "", read_text(path))  # as Excel writes
+    text = "\n".join("" if _is_remark(line, needed) else line for line in text.splitlines())
     first_line = text.strip().partition("\n")[0]
     (_, header), *rows = table_rows(text, path, first_line) or [(1, [])]
     names = [column_name(cell) for cell in header]
@@ -198,6 +200,12 @@ def read_table(path: Path | str, needed: Sequence[str], optional: Sequence[str] 
             )
     columns = [names.index(name) if name in names else None for name in wanted]
     return [(line, ["" if column is None else row[column] for column in columns]) for line, row in rows]
+
+
+def _is_remark(line: str, needed: Sequence[str]) -> bool:
+    """Return true for a line that begins with # and does not name the needed columns."""
+    names = {column_name(cell) for cell in re.split("[;,\t]", line)}
+    return line.lstrip().startswith("#") and not set(needed) <= names
 
 
 def json_object(text: str | bytes, name: str) -> dict[str, Any]:

@@ -210,6 +210,9 @@ def test_poses_of_mobile_robots_and_motion_capture(tmp_path, sent, container):
     same_poses(read(tmp_path / "beside", few_images() + poses() + beside, container).sensor_pose, recording.sensor_pose)
     other = read(tmp_path / "other", few_images() + given + poses("/object"), container, object_poses="/object")
     same_poses(other.sensor_pose, recording.sensor_pose)
+    two = given[:1] + [replace(each, content=each.content | {"child_frame_id": "object"}) for each in given[1:]]
+    with pytest.raises(FileError, match="/ee_pose: poses are those of several bodies, child frames 'digit', 'object'"):
+        read(tmp_path / "bodies", few_images() + two, container)
     given[:20] = [sent(each) for each in poses(frame="map")[:20]]
     with pytest.raises(FileError, match="/ee_pose: poses are given in several frames, 'map', 'world'"):
         read(tmp_path / "frames", few_images() + given, container)
@@ -437,6 +440,19 @@ def test_images_of_one_time_are_counted(tmp_path, caplog):
     messages = restamped(few_images(), lambda time: min(time, int(image_times(6)[3])))
     assert len(read(tmp_path, messages + poses())) == 4
     assert "2 images have the time of another one and are left out" in caplog.text
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize("clock", ["header", "log"])
+def test_what_two_recorders_have_is_there_once(tmp_path, caplog, container, clock):
+    messages = few_images() + poses()
+    again = [replace(each, log_time=each.log_time + 200_000) for each in messages]
+    twice = sorted(messages + again, key=lambda each: each.log_time)
+    found = read(tmp_path / "twice", twice, container, clock=clock)
+    once = read(tmp_path / "once", messages, container, clock=clock)
+    assert found.time.tolist() == once.time.tolist()
+    same_poses(found.sensor_pose, once.sensor_pose, 1e-3)
+    assert "6 of 12 images are there twice" in caplog.text
 
 
 def lifted(height: Any, turn: Rotation = LEVEL) -> list[Message]:

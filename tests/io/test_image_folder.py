@@ -166,15 +166,29 @@ def test_times_in_the_names_of_files(folder, run_palpate, scale):
     same_push(convert(run_palpate, "--poses", "ee.csv"))
 
 
-def test_names_that_are_counted_are_no_times(folder, fails):
+def test_times_in_names_have_as_many_decimals_as_python_writes(folder, run_palpate):
+    whole = START + np.floor(1e4 * IMAGE_TIME) / 1e4
+    for number, time in enumerate(whole.tolist()):
+        Path(f"img/frame_{number}.png").rename(f"img/{time!r}.png")  # 1700000000.3 after 1700000000.2666
+    write_table("ee.csv", "", with_times(seven()))
+    recording = convert(run_palpate, "--poses", "ee.csv")
+    assert np.abs(recording.time - whole).max() < 1e-6
+    assert [np.asarray(frame.image)[0, 0, 0] for frame in recording] == touch_images(COUNT)[:, 0, 0, 0].tolist()
+
+
+@pytest.mark.parametrize("begin", ["run_1", "1700000000100000000"])
+def test_names_that_are_counted_are_no_times(folder, fails, begin):
     for number in range(COUNT):
-        Path(f"img/frame_{number}.png").rename(f"img/run_1_{number:04d}.png")
+        Path(f"img/frame_{number}.png").rename(f"img/{begin}_{number:06d}.png")
     write_table("ee.csv", "", with_times(seven(), 1e3))
     assert "--rate" in refused(fails, "--poses", "ee.csv", "--time-unit", "ms")
 
 
-def test_a_rate_in_place_of_times_and_names_that_are_missing(folder, run_palpate, caplog):
+@pytest.mark.parametrize("step", [1, 10])
+def test_a_rate_in_place_of_times_and_names_that_are_missing(folder, run_palpate, caplog, step):
     Path("img/frame_3.png").unlink()
+    for number in (number for number in range(COUNT - 1, 0, -1) if number != 3):
+        Path(f"img/frame_{number}.png").rename(f"img/frame_{step * number}.png")
     write_table("ee.csv", "", with_times(seven()))
     code, _, _ = run_palpate(
         *("convert", "img", "push.mcap", "--poses", "ee.csv", "--rate", 30, "--time-offset", 0.1, "--shape", "disc")
@@ -190,6 +204,18 @@ def test_files_that_would_shift_the_others_are_named(folder, fails):
         Path("img", name).write_bytes(Path("img/frame_3.png").read_bytes())
         assert Path(name).stem in refused(fails, "--poses", "ee.csv", "--rate", 30)
         Path("img", name).unlink()
+
+
+def test_images_of_two_cameras_in_a_folder_are_named(folder, fails):
+    for number, image in enumerate(touch_images(COUNT)):
+        Path(f"img/mask_{number}.png").write_bytes(encoded(image))
+    write_table("ee.csv", "x,y,theta", true_pose(np.arange(2 * COUNT) / 30).tolist())
+    write_table("t.csv", "time", [(START + k / 30,) for k in range(2 * COUNT)])
+    for options in (("--rate", 30), ("--image-times", "t.csv")):
+        message = refused(fails, "--poses", "ee.csv", *options)
+        assert "mask_0.png is named unlike 12 of the 24 images, such as frame_0.png" in message
+    write_table("ee.csv", "time,x,y,theta", with_times(true_pose(POSE_TIME))[: 2 * COUNT])
+    assert "mask_0.png" in refused(fails, "--poses", "ee.csv")
 
 
 def test_images_that_are_there_as_png_and_as_jpeg_are_named(folder, fails):
@@ -275,6 +301,17 @@ BAD = {
     "degrees": ("time,x,y,yaw", [(START + k / 100, 0.1, 0.1, 90.0 + k) for k in range(9)], "theta_deg"),
     "no matrix": ("", [(START + k / 100, *range(16)) for k in range(9)], "line 1"),
     "a short row": ("time,x,y,theta", [(0.0, 0.1, 0.1, 0.1), (0.1, 0.1)], "line 3"),
+    "a day as Excel writes it": (
+        "time,x,y,theta",
+        [(f"11/29/2026 8:15:{k}", 0.1, 0.1, 0.1) for k in range(10, 19)],
+        "expected a number or a time such as 2026-",
+    ),
+    "several rows of names, as Motive has them": (
+        "Format Version,1.2,Take Name,a,Export Frame Rate,120.000,Rotation Type,Quaternion,Length Units,Meters\n"
+        ",,Name,digit,digit,digit\n,,,Position,Position,Position\nFrame,Time (Seconds),X,Y,Z,X",
+        [(k, k / 120, 0.1, 0.1, 0.1, 0.0) for k in range(9)],
+        "line 2: found 6 columns below 10, and 6 in the last row: the export of a motion capture",
+    ),
     "no rows": ("time,x,y,theta", [], "no rows"),
     "two units": ("time,x_mm,y_m,theta", with_times(true_pose(POSE_TIME)), "x_mm, y_m"),
     "a tool that points down": (
@@ -294,6 +331,16 @@ def test_tables_that_cannot_be_read_are_named(folder, fails, name):
     write_table("ee.csv", header, rows)
     message = refused(fails, "--image-times", image_table(), "--poses", "ee.csv")
     assert "ee.csv" in message and words in message
+
+
+def test_rows_of_two_bodies_are_asked_about(folder, fails):
+    rows = [
+        (time, body, float(x) + off, y, theta)
+        for time, x, y, theta in with_times(true_pose(POSE_TIME))
+        for body, off in (("digit", 0.0), ("box", 0.2))
+    ]
+    write_table("ee.csv", "time,body,x,y,theta", rows)
+    assert "are these of two bodies?" in refused(fails, "--image-times", image_table(), "--poses", "ee.csv")
 
 
 def test_folders_and_options_that_do_not_fit_are_named(folder, fails):
@@ -395,8 +442,17 @@ def test_rows_that_people_and_programs_leave(folder, run_palpate, caplog, name, 
     dated(lambda time: f"{START + time:.6f}")
     header, rows = lines_of(name)
     Path(name).write_text("\n".join([header, *change(rows)]) + "\n")
-    same_push(convert(run_palpate, *TABLES_OF_THESE))
-    assert told in caplog.text
+    recording = convert(run_palpate, *TABLES_OF_THESE)
+    same_push(recording)
+    assert told in caplog.text and told in " ".join(recording.warnings)
+
+
+def test_rows_of_two_recorders_differ_in_their_time_of_recording(folder, run_palpate, caplog):
+    rows = with_times(true_pose(POSE_TIME))
+    twice = [(f"{k}.{recorder}", *row) for k, row in enumerate(rows) for recorder in (1, 2)]
+    write_table("ee.csv", "log_time,stamp,x,y,theta", twice)
+    same_push(convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv"))
+    assert "80 of 160 rows are there twice" in caplog.text
 
 
 def test_two_takes_in_a_table_are_not_sorted(folder, fails):

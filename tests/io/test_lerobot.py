@@ -121,6 +121,11 @@ def write_other(folder, names, version="v3.0"):
     info |= {"video_path": "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"}
     for path in ("meta/episodes/chunk-000", "data/chunk-000", f"videos/{keys[0]}/chunk-000"):
         (folder / path).mkdir(parents=True)
+    if version < "v3":
+        info |= {"chunks_size": 1000, "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"}
+        info["video_path"] = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
+        write_file_for_each_episode(folder, info, rows, keys[0])
+        return
     (folder / "meta/info.json").write_text(json.dumps(info))
     places = []
     for episode in range(2):
@@ -129,13 +134,28 @@ def write_other(folder, names, version="v3.0"):
         places.append(place | {f"videos/{keys[0]}/from_timestamp": episode * COUNT / 30})
     parquet.write_table(pyarrow.Table.from_pylist(places), folder / "meta/episodes/chunk-000/file-000.parquet")
     parquet.write_table(pyarrow.table(rows), folder / "data/chunk-000/file-000.parquet")
-    with av.open(str(folder / f"videos/{keys[0]}/chunk-000/file-000.mp4"), "w") as video:
+    write_video(folder / f"videos/{keys[0]}/chunk-000/file-000.mp4", [*smooth(COUNT)[::-1], *smooth(COUNT)])
+
+
+def write_video(path, images):
+    with av.open(str(path), "w") as video:
         stream = video.add_stream("libx264", rate=30, options={"crf": "5", "g": "7"})
         stream.width = 240
         stream.height = 320
-        for image in [*smooth(COUNT)[::-1], *smooth(COUNT)]:
+        for image in images:
             video.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         video.mux(stream.encode())
+
+
+def write_file_for_each_episode(folder, info, rows, key):
+    """Write two episodes in the layout of version 2."""
+    videos = folder / f"videos/chunk-000/{key}"
+    videos.mkdir(parents=True)
+    (folder / "meta/info.json").write_text(json.dumps(info))
+    for episode, images in enumerate((smooth(COUNT)[::-1], smooth(COUNT))):
+        part = pyarrow.table(rows).slice(episode * COUNT, COUNT)
+        parquet.write_table(part, folder / f"data/chunk-000/episode_{episode:06d}.parquet")
+        write_video(videos / f"episode_{episode:06d}.mp4", images)
 
 
 NAMES = ["x", "y", "z", "qx", "qy", "qz", "qw", "gripper"]
@@ -154,6 +174,15 @@ def test_an_episode_amid_a_file_with_a_gripper_in_its_state(folder, run_palpate)
     same_frames(palpate.load_recording("runs/other/recording.mcap"), push(1.0))
 
 
+@pytest.mark.parametrize("version", ["v2.0", "v2.1"])
+def test_a_file_for_each_episode_as_in_version_2(folder, run_palpate, fails, version):
+    write_other(folder / "old", NAMES, version)
+    code, _, err = run_palpate("convert", "old", "out.mcap", "--episode", 1, "--shape", "0.09x0.06")
+    assert code == 0, err
+    same_frames(palpate.load_recording("out.mcap"), push(1.0))
+    assert "there are 2, from 0" in fails("convert", "old", "late.mcap", "--episode", 2, "--shape", "disc")
+
+
 def test_what_does_not_fit_is_named(folder, fails):
     write_other(folder / "other", NAMES)
     words = ("convert", "other", "out.mcap", "--shape", "disc")
@@ -163,8 +192,8 @@ def test_what_does_not_fit_is_named(folder, fails):
     assert "--shape" in fails("convert", "other", "out.mcap")
     write_other(folder / "joints", [f"joint_{k}.pos" for k in range(8)])
     assert "joint" in fails("convert", "joints", "out.mcap", "--shape", "disc")
-    write_other(folder / "old", NAMES, "v2.1")
-    assert "v2.1" in fails("convert", "old", "out.mcap", "--shape", "disc")
+    write_other(folder / "old", NAMES, "v1.6")
+    assert "v1.6" in fails("convert", "old", "out.mcap", "--shape", "disc")
     assert not Path("out.mcap").exists()
 
 

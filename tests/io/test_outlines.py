@@ -448,6 +448,12 @@ def test_a_noisy_scan_is_warned_of(caplog):
     assert "corners; smooth it if it is a scan" in caplog.text
 
 
+def test_loops_that_a_blank_line_parts_are_told(caplog):
+    Path("a.txt").write_text("0 0\n.09 0\n.09 .06\n0 .06\n\n.02 .04\n.04 .04\n.04 .02\n.02 .02\n")
+    load_shape("a.txt")
+    assert "line 6 follows a blank line or a remark; all corners are taken as one outline" in caplog.text
+
+
 @pytest.mark.parametrize("name", ["butterfly", "rounded-square"])
 def test_corners_that_are_exact_stay_as_they_are(name):
     shape = load_shape(name)

@@ -177,15 +177,22 @@ def write(folder: Path, presses: Presses, untouched: Array) -> tuple[Any, ...]:
     return "calibrate", "--presses", folder / "presses.csv", "--untouched", folder / "still.png"
 
 
-@pytest.mark.parametrize("header", ["file, angle_deg", "\ufeffNote;File ;Angle (deg)", "sep=\t\nangle_deg\tFILE"])
+@pytest.mark.parametrize(
+    "header",
+    [
+        "file, angle_deg",
+        "\ufeffNote;File ;Angle (deg)",
+        "sep=\t\nangle_deg\tFILE",
+        "# a ball; 5 mm\n\n# file,angle_deg",
+    ],
+)
 def test_tables_of_presses_as_people_write_them(tmp_path, unit, header):
     assert cv2.imwrite(str(tmp_path / "a.png"), unit.no_contact)
-    cells = {"note": "by hand", "file": "a.png", "angle": "-2.5" if "," in header else "-2,5"}
-    mark = next(each for each in ";\t," if each in header)
-    row = mark.join(
-        next(cells[key] for key in cells if key in name.lower()) for name in header.splitlines()[-1].split(mark)
-    )
-    (tmp_path / "presses.csv").write_text(f"{header}\n{row}\n\n", encoding="utf-8")
+    names = header.splitlines()[-1]
+    cells = {"note": "by hand", "file": "a.png", "angle": "-2.5" if "," in names else "-2,5"}
+    mark = next(each for each in ";\t," if each in names)
+    row = mark.join(next(cells[key] for key in cells if key in name.lower()) for name in names.split(mark))
+    (tmp_path / "presses.csv").write_text(f"{header}\n{row}\n\n# the end\n", encoding="utf-8")
     found = read_presses(tmp_path / "presses.csv", sensor=DIGIT)
     assert np.degrees(found.angle).tolist() == [pytest.approx(-2.5)] and found.names == ("a.png",)
 

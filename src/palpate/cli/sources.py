@@ -43,9 +43,9 @@ class Source:
         bag = self.bag
         with kept_warnings() as warnings:
             shape = bag.shape and palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
-        sensor = known_sensor(bag.sensor)
-        with progress_bar(f"reading {folder.name}") as bar:
-            recording = read_lerobot(folder, self.episode, shape or None, bag.choices, self.tables, sensor, bar)
+            sensor = known_sensor(bag.sensor)
+            with progress_bar(f"reading {folder.name}") as bar:
+                recording = read_lerobot(folder, self.episode, shape or None, bag.choices, self.tables, sensor, bar)
         return recording.warned(warnings)
 
     def _folder(self, folder: Path) -> "palpate.Recording":
@@ -60,6 +60,6 @@ class Source:
             raise SettingError("--shape NAME|AxB|FILE is missing: a folder of images holds no outline of the object")
         with kept_warnings() as warnings:
             shape = palpate.load_shape(bag.shape, bag.shape_unit, bag.shape_layer)
-        with progress_bar(f"reading {folder.name}", len(image_files(folder))) as bar:
-            recording = read_folder(folder, shape, bag.choices, self.tables, known_sensor(bag.sensor), bar)
+            with progress_bar(f"reading {folder.name}", len(image_files(folder))) as bar:
+                recording = read_folder(folder, shape, bag.choices, self.tables, known_sensor(bag.sensor), bar)
         return recording.warned(warnings)

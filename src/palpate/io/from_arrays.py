@@ -66,7 +66,7 @@ def nanoseconds(name: str, time: ArrayLike, least: float = 2e-4) -> Times:
     if (steps == 0).sum() > 0.5 * len(steps):
         raise FileError(
             f"{name}: {(steps == 0).sum()} of {len(given)} times are that before; were they rounded, as float32 rounds "
-            "them?"
+            "them, or are these of two bodies?"
         )
     found[is_known] = exact if is_whole else np.round(np.clip(exact, -9e9, 9e9) * 1e9)
     return found

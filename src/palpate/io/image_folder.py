@@ -22,7 +22,8 @@ from palpate.geometry.shapes import Shape
 from palpate.hints import own_command
 from palpate.io.pose_tables import NANOSECONDS, PoseTable, is_of_calendar, read_pose_table, read_times, time_unit
 from palpate.io.recording import Recording
-from palpate.io.time_order import UNKNOWN, are_few
+from palpate.io.table_rows import are_even
+from palpate.io.time_order import UNKNOWN
 from palpate.types.choices import BagChoices, TableChoices, TimeUnit
 from palpate.types.images import UprightImage, camera_view, decode_image, turned_image
 from palpate.types.sensor import SensorProfile
@@ -31,6 +32,8 @@ from palpate.types.space import STEEPEST, onto_gel, placed_at
 logger = logging.getLogger(__name__)
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
+_LAST_NUMBER = re.compile(r"(?<!\d)(?:\d+\.\d+|\d{10}_\d{9}|\d{10}_\d{6}|\d+)(?=\D*$)")
+"""The last number of a name, of which a stamp of ROS may have two parts."""
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -108,6 +111,7 @@ def _files_and_times(
         order = np.argsort(stamps, kind="stable")
         return [files[index] for index in order], stamps[order]
     if poses.time is not None and len(poses.time) == len(files):
+        _check_alike(files)
         logger.warning("%s: as there is a pose for each image, its time is taken to be that of the image", folder)
         return files, poses.time
     raise FileError(
@@ -122,6 +126,7 @@ def _listed(folder: Path, files: list[Path], table: Path, tables: TableChoices) 
     if not names and len(stamps) != len(files):
         raise FileError(f"{table}: found {len(stamps)} times for the {len(files)} images in {folder}, expected as many")
     if not names:
+        _check_alike(files)
         return files, stamps
     listed = [
         next((path for path in (folder / name, folder / PureWindowsPath(name).name) if path.exists()), None)
@@ -141,29 +146,32 @@ def _listed(folder: Path, files: list[Path], table: Path, tables: TableChoices) 
 def _counted(files: Sequence[Path]) -> Times:
     """Return the numbers of images from the first on (N,), by their names if these are counted, so that gaps count.
 
-    Raises FileError if a name is unlike those of the others, or differs in its suffix alone.
+    Names may be counted by tens and the like. Raises FileError if names are of several kinds, or differ in their suffix
+    alone.
     """
     numbers = [re.findall(r"\d+", path.stem)[-1:] for path in files]
     _check_alike(files)
-    if all(numbers):
+    if len(files) > 1 and all(numbers):
         counted = np.array([int(number) for (number,) in numbers], dtype=object)
         steps = np.diff(counted)
-        if len(steps) and (steps > 0).all() and max(counted) < 2**53 and np.median(steps.astype(float)) == 1.0:
-            return (counted - counted[0]).astype(np.int64)
+        usual = sorted(steps)[len(steps) // 2]
+        if min(steps) > 0 and max(counted) < 2**53 and not (steps % usual).any():
+            return ((counted - counted[0]) // usual).astype(np.int64)
     return np.arange(len(files))
 
 
 def _check_alike(files: Sequence[Path]) -> None:
-    """Raise FileError if a name, but for its number, is unlike those of most others, or is there with two suffixes."""
+    """Raise FileError if names, but for their numbers, are of several kinds, or one is there with two suffixes."""
     _check_one_suffix(files)
-    stems = [path.stem for path in files]
-    patterns = [re.sub(r"\d+", "0", stem) for stem in stems]
-    usual = max(set(patterns), key=patterns.count)
-    odd = [path.name for path, pattern in zip(files, patterns, strict=True) if pattern != usual]
-    if odd and are_few(len(odd), len(files)):
+    kinds = [re.sub(r"\d+", "0", path.stem) for path in files]
+    ((usual, count),) = Counter(kinds).most_common(1)
+    odd = [path.name for path, kind in zip(files, kinds, strict=True) if kind != usual]
+    if odd and count > 1:
+        like = files[kinds.index(usual)].name
         raise FileError(
-            f"{files[0].parent}: {odd[0]} is named unlike the other {len(files) - len(odd)} images, and would count as "
-            "one of them: move it away, or give --image-times"
+            f"{files[0].parent}: {odd[0]} is named unlike {count} of the {len(files)} images, such as {like}, and "
+            "would count as one of them: move away what is of another kind or camera, or give --image-times with "
+            "columns time and file"
         )
 
 
@@ -181,7 +189,7 @@ def times_of_names(files: Sequence[Path], unit: TimeUnit | None = None) -> Times
 
     None if they are only counted, as frame_0012.png. Raises FileError if the unit is open.
     """
-    found = [re.findall(r"(?:\d+\.\d+|\d{10}_\d{9}|\d{10}_\d{6}|\d+)(?=\D*$)", path.stem) for path in files]
+    found = [re.findall(_LAST_NUMBER, path.stem) for path in files]
     if len(files) < 2 or not all(found):
         return None
     words = [numbers[-1].replace("_", ".") for numbers in found]
@@ -196,7 +204,9 @@ def times_of_names(files: Sequence[Path], unit: TimeUnit | None = None) -> Times
     if unit is None:
         with in_file(files[0].parent):
             unit = time_unit(np.sort(values))
-    if (np.diff(values) < 0.0).any():  # files are in the order in which people count
+    kinds = {re.sub(_LAST_NUMBER, "", path.stem) for path in files}
+    are_shuffled = (np.diff(values) < 0.0).any()  # files are in the order in which people count
+    if are_shuffled and not (len(kinds) == 1 and is_calendar and are_even(np.diff(np.sort(values)))):
         index = int(np.argmax(np.diff(values) < 0.0)) + 1
         raise FileError(
             f"{files[0].parent}: the times in the names go back from {files[index - 1].name} to {files[index].name}: "

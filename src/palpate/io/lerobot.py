@@ -1,9 +1,14 @@
-"""LeRobotDataset v3: a folder of episodes at a fixed rate, with tables in Parquet and touch images as videos.
+"""LeRobotDataset: a folder of episodes at a fixed rate, with tables in Parquet and touch images as videos.
+
+Version 3 has several episodes in a file:
 
     meta/info.json                              rate, and the features with their shapes and names
     meta/episodes/chunk-000/file-000.parquet    of each episode, where its rows and the frames of its videos are
     data/chunk-000/file-000.parquet             rows of all features but videos
     videos/KEY/chunk-000/file-000.mp4           the frames of one or several episodes
+
+Version 2 has a table and videos for each episode: data/chunk-000/episode_000000.parquet and
+videos/chunk-000/KEY/episode_000000.mp4.
 
 The pose of the sensor is `observation.state`, that of the object `observation.environment_state`, x, y, theta each.
 What such a dataset does not know, outline and sensor, is in meta/palpate.json, which LeRobot ignores.
@@ -17,7 +22,7 @@ import numpy as np
 
 from palpate.arrays import Array, Image
 from palpate.errors import FileError, SettingError, one_line
-from palpate.files import in_file, read_json
+from palpate.files import existing_file, in_file, read_json
 from palpate.geometry.shapes import Shape, shape_from_dict
 from palpate.hints import library, own_command
 from palpate.io.pose_tables import poses_of_numbers
@@ -91,7 +96,7 @@ def read_lerobot(
     with in_file(folder):
         info = _info(folder)
         features = info["features"]
-        place = _episode(folder, episode)
+        place = _episode(folder, info, episode)
         columns = _columns(folder, info, place)
         state = choices.sensor_poses or STATE
         poses = poses_of_numbers(folder, *_numbers(features, columns, state), tables).poses
@@ -128,15 +133,12 @@ def read_lerobot(
 
 
 def _info(folder: Path) -> dict[str, Any]:
-    """Return the description of a dataset. Raises FileError if it is of another version than 3."""
+    """Return the description of a dataset. Raises FileError if it is of another version than 2 or 3."""
     path = folder / "meta/info.json"
     info = read_json(path)
     version = str(info.get("codebase_version"))
-    if not version.startswith("v3."):
-        raise FileError(
-            f"{path}: codebase_version is {version!r}, allowed is v3.0; "
-            "LeRobot converts others: python -m lerobot.datasets.v30.convert_dataset_v21_to_v30"
-        )
+    if not version.startswith(("v2.", "v3.")):
+        raise FileError(f"{path}: codebase_version is {version!r}, allowed are v2.0, v2.1 and v3.0")
     for name in ("fps", "features", "data_path", "total_episodes", "total_frames"):
         if name not in info:
             raise FileError(f"{path}: {name} is missing")
@@ -174,8 +176,13 @@ def _parquet(path: Path, wanted: Sequence[str] | None = None) -> Any:
         raise FileError(f"{path}: cannot be read ({one_line(error)})") from error
 
 
-def _episode(folder: Path, episode: int) -> dict[str, Any]:
+def _episode(folder: Path, info: Mapping[str, Any], episode: int) -> dict[str, Any]:
     """Return the place of an episode in the files. Raises FileError if there is none of this number."""
+    if info["codebase_version"].startswith("v2."):
+        count = info["total_episodes"]
+        if not 0 <= episode < count:
+            raise FileError(f"there is no episode {episode}; there are {count}, from 0: --episode N")
+        return {"episode_index": episode, "episode_chunk": episode // info.get("chunks_size", 1000)}
     count = 0
     for path in sorted((folder / "meta/episodes").glob("*/*.parquet")):
         table = _parquet(path)
@@ -189,11 +196,18 @@ def _episode(folder: Path, episode: int) -> dict[str, Any]:
 
 def _columns(folder: Path, info: Mapping[str, Any], place: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Return the rows of an episode, column by column."""
-    indices = {"chunk_index": place["data/chunk_index"], "file_index": place["data/file_index"]}
-    table = _parquet(folder / info["data_path"].format(**indices))
+    table = _parquet(folder / _path_of(info["data_path"], "data", place))
     is_of_episode = np.array(table["episode_index"].to_pylist()) == place["episode_index"]
     rows = table.take(np.flatnonzero(is_of_episode))
     return {name: rows[name].to_pylist() for name in rows.column_names}
+
+
+def _path_of(template: str, kind: str, place: Mapping[str, Any], **others: str) -> str:
+    """Return the path of the file with the rows, "data", or the frames, "videos/KEY", of an episode."""
+    indices = {name: place.get(f"{kind}/{name}") for name in ("chunk_index", "file_index")}
+    return template.format(
+        **indices, **{name: place.get(name) for name in ("episode_index", "episode_chunk")}, **others
+    )
 
 
 def _numbers(features: Mapping[str, Any], columns: Mapping[str, Any], key: str) -> tuple[list[str], Array]:
@@ -220,12 +234,13 @@ def _images(
     images: list[UprightImage] = []
     if key in columns:
         for cell in columns[key]:
-            images.append(UprightImage(turned_image(cell["bytes"], size, view)))
+            data = cell["bytes"] or existing_file(folder / cell["path"]).read_bytes()
+            images.append(UprightImage(turned_image(data, size, view)))
             progress(len(images))
         return images
-    indices = {"chunk_index": place[f"videos/{key}/chunk_index"], "file_index": place[f"videos/{key}/file_index"]}
-    path = folder / info["video_path"].format(video_key=key, **indices)
-    for pixels in _frames(path, float(place[f"videos/{key}/from_timestamp"]), len(columns["frame_index"]), info["fps"]):
+    path = folder / _path_of(info["video_path"], f"videos/{key}", place, video_key=key)
+    start = float(place.get(f"videos/{key}/from_timestamp", 0.0))
+    for pixels in _frames(path, start, len(columns["frame_index"]), info["fps"]):
         with in_file(path):
             images.append(UprightImage(encode_image(fitted(pixels, size, view), "png")))
         progress(len(images))

@@ -6,6 +6,7 @@ Drawings are read by `outline_svg` and `outline_dxf`; `contours` finds the one o
 import logging
 import re
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 from typing import get_args
 
@@ -29,7 +30,8 @@ TOLERANCE = 2e-5
 ASK = "give the unit of its numbers, as unit='mm' (--shape-unit mm)"
 HINTS = {
     **dict.fromkeys(
-        (".stl", ".step", ".stp", ".igs", ".iges", ".obj", ".3mf", ".ply", ".off"), "save its outline from above"
+        (".stl", ".step", ".stp", ".igs", ".iges", ".obj", ".3mf", ".ply", ".off", ".dae", ".glb", ".gltf"),
+        "save its outline from above",
     ),
     **dict.fromkeys((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"), "trace it, as Inkscape does, and save that"),
     **dict.fromkeys((".dwg", ".pdf", ".eps", ".ai", ".sldprt", ".f3d", ".fcstd"), "save it"),
@@ -148,6 +150,9 @@ def _read_table(path: Path, scale: float | None) -> Shape:
         if len(words) != 2 or numbers_of(words) is None:
             raise ShapeError(f"is no table of numbers x y: line {number} is {','.join(words)!r}")
     points = np.array([words for _, words in rows], np.float64)
+    gap = next((later for (line, _), (later, _) in pairwise(rows) if later > line + 1), None)
+    if gap is not None:
+        logger.warning("%s: line %d follows a blank line or a remark; all corners are taken as one outline", path, gap)
     if scale is not None:
         points = points * scale
     return _of_few_corners(path, Polygon(points))

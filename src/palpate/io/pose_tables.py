@@ -85,9 +85,7 @@ def read_cells(path: Path) -> Table:
     if not rows:
         raise FileError(f"{path}: holds no rows of numbers")
     width = len(rows[0][1])
-    for line, row in rows:
-        if len(row) != width:
-            raise FileError(f"{path}: line {line}: found {len(row)} columns, expected {width} as above it")
+    _check_width(path, rows)
     if header[width - 1 :] in ([], [""]) and not any(row[-1] for _, row in rows):  # rows end with a separator
         width -= 1
     if header[width:] == [""]:
@@ -97,6 +95,21 @@ def read_cells(path: Path) -> Table:
     names = [_with_short_unit(column_name(cell)) for cell in header] if len(header) == width else []  # else a remark
     table = Table(path, names, [line for line, _ in rows], [row[:width] for _, row in rows])
     return _with_whole_stamps(with_numbers_for_clocks(table, _is_time))
+
+
+def _check_width(path: Path, rows: list[tuple[int, list[str]]]) -> None:
+    """Raise FileError that names the line if rows are of different lengths."""
+    width = len(rows[0][1])
+    for line, row in rows:
+        if len(row) == width:
+            continue
+        if len(rows[-1][1]) != width:  # what is above the numbers was taken for the first of them
+            raise FileError(
+                f"{path}: line {line}: found {len(row)} columns below {width}, and {len(rows[-1][1])} in the last row: "
+                "the export of a motion capture with several rows of names? Allowed is one row of names above the "
+                "numbers, such as time, x, y, z, qx, qy, qz, qw"
+            )
+        raise FileError(f"{path}: line {line}: found {len(row)} columns, expected {width} as above it")
 
 
 def _with_short_unit(name: str) -> str:
@@ -192,7 +205,7 @@ def read_pose_table(path: Path, choices: TableChoices) -> PoseTable:
         if time is None:
             return PoseTable(None, poses, f"{found.layout}, no times", found.is_order_known)
         stamps, unit = _times(table, time, choices.time_unit or unit)
-        order = rows_in_order(path, table.cells, stamps)
+        order = rows_in_order(path, poses.reshape(len(poses), -1).tolist(), stamps)
         return PoseTable(stamps[order], poses[order], f"{found.layout}, times in {unit}", found.is_order_known)
 
 
@@ -408,7 +421,7 @@ def _times(table: Table, column: int, unit: TimeUnit | None) -> tuple[Times, Tim
     Raises FileError, which asks for the unit if nothing tells.
     """
     words = table.column(column)
-    values = table.numbers([column])[:, 0]
+    values = table.numbers([column], "a number or a time such as 2026-11-29T08:15:30.25Z")[:, 0]
     is_known = np.isfinite(values)
     if not is_known.any() or not are_few(int((~is_known).sum()), len(values)):
         index = int(np.argmin(is_known))

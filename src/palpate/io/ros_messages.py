@@ -85,7 +85,7 @@ class Pose(NamedTuple):
     frame: str
     """Frame in which the pose is given."""
     child: str
-    """Frame whose pose a transform gives; "" for a pose."""
+    """Frame whose pose a transform or odometry gives; "" for a pose."""
     stamp: int
     """[ns]"""
     numbers: tuple[float, ...]
@@ -202,7 +202,7 @@ def poses_of(message: Any) -> list[Pose]:
     if not hasattr(message, "pose"):
         return []
     pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-    return [_pose(message, "", pose.position, pose.orientation)]
+    return [_pose(message, getattr(message, "child_frame_id", ""), pose.position, pose.orientation)]
 
 
 def _transform(message: Any) -> Pose:

@@ -16,6 +16,7 @@ from os.path import realpath
 from pathlib import Path
 from sys import intern
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from palpate.errors import FileError, one_line
 from palpate.files import begins_with, existing_file, read_text
 from palpate.io.decode_message import decoded
 from palpate.io.image_folder import image_files
-from palpate.io.ros_messages import BOOL, TRANSFORM_TYPES, Channel, Pose, RawMessage, poses_of, stamp_of
+from palpate.io.ros_messages import BOOL, IMAGE_TYPES, TRANSFORM_TYPES, Channel, Pose, RawMessage, poses_of, stamp_of
 from palpate.io.time_order import are_few, believed, stamped_in_order
 from palpate.types.space import Placed, Times, check_unchanged, placed_at
 
@@ -226,7 +227,10 @@ class Stream:
     frame: "list[str]" = field(default_factory=list)
     """Frame in which each pose is given."""
     numbers: "array[float]" = field(default_factory=partial(array, "d"))
-    """Seven numbers of each pose, position x, y, z [m] and quaternion x, y, z, w; one number of each contact flag."""
+    """Seven numbers of each pose, position x, y, z [m] and quaternion x, y, z, w; of each contact flag its value; of
+    each image a checksum, which tells one that was recorded twice."""
+    bodies: set[str] = field(default_factory=set)
+    """Frames whose poses transforms and odometry give."""
     topics: set[str] = field(default_factory=set)
     """Topics that the transforms were on."""
     damaged: int = 0
@@ -287,6 +291,7 @@ class Stream:
         if pose is not None:
             self.numbers.extend(pose.numbers)
             self.frame.append(intern(pose.frame))
+            self.bodies.add(pose.child)
 
     def placed(self, clock: str, time: Times) -> Placed:
         """Return the poses at times (M,) [ns] of a clock. Raises FileError if the times of the poses go back."""
@@ -376,6 +381,8 @@ def _add_message(raw: RawMessage, topic: Stream, transforms: dict[str, Stream]) 
         topic.add(raw.log_time, stamp_of(message), poses[0] if poses else None)
         if raw.channel.type == BOOL:
             topic.numbers.append(message.data)
+        elif raw.channel.type in IMAGE_TYPES:
+            topic.numbers.append(crc32(raw.data))
     elif poses:
         topic.add(raw.log_time, stamp_of(message))
         for pose in poses:

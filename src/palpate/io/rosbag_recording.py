@@ -231,6 +231,10 @@ def _source(bag: Contents, name: str | None, leave_out: _Source | None) -> _Sour
     frames = sorted(topics[chosen].frames)  # none if all messages are damaged
     if len(frames) > 1:
         raise FileError(f"{chosen}: poses are given in several frames, {', '.join(map(repr, frames))}")
+    bodies = sorted(topics[chosen].bodies)
+    if len(bodies) > 1:
+        names = ", ".join(map(repr, bodies))
+        raise FileError(f"{chosen}: poses are those of several bodies, child frames {names}; allowed is one to a topic")
     return _Source(chosen, "".join(frames), [(topics[chosen], False)])
 
 
@@ -432,11 +436,25 @@ def _images_in_order(
     bag: Contents, topic: str, choices: BagChoices, sensor: SensorProfile
 ) -> list[tuple[int, bytes | FileError]]:
     """Return times [ns] by the chosen clock and encoded images of a topic. Raises FileError if the times go back."""
-    found = list(_images(bag, topic, choices, sensor))
+    found = _once(topic, list(_images(bag, topic, choices, sensor)))
     log_time = np.array([time for time, _, _ in found], np.int64)
     stamp = np.array([time for _, time, _ in found], np.int64)
     ordered = stamped_in_order(topic, stamp, log_time, choices.clock == "header")
     return [(time, found[index][2]) for index, time in zip(ordered.numbers, ordered.time.tolist(), strict=True)]
+
+
+def _once(topic: str, images: list[tuple[int, int, bytes | FileError]]) -> list[tuple[int, int, bytes | FileError]]:
+    """Return images without those that a second recorder has, too, at about the same time, which a warning counts."""
+    times: dict[tuple[int, bytes | FileError], int] = {}
+    kept: list[tuple[int, int, bytes | FileError]] = []
+    for log_time, stamp, image in images:
+        before = times.get((stamp, image)) if stamp else None
+        if before is None or abs(log_time - before) > 1e9 * LONGEST_DELAY:
+            times[stamp, image] = log_time
+            kept.append((log_time, stamp, image))
+    if len(kept) < len(images):
+        logger.warning("%s: %d of %d images are there twice", topic, len(images) - len(kept), len(images))
+    return kept
 
 
 def _flags(stream: Stream, poses: _Source, clock: str, rate: float) -> tuple[Times, Flags]:

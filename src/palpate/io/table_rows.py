@@ -42,15 +42,18 @@ class Table(NamedTuple):
         """Return the cells of a column."""
         return [row[index] for row in self.cells]
 
-    def numbers(self, indices: Sequence[int]) -> Array:
-        """Return columns as numbers (N, columns), NaN where a cell holds none. Raises FileError that names the line."""
+    def numbers(self, indices: Sequence[int], expected: str = "") -> Array:
+        """Return columns as numbers (N, columns), NaN where a cell holds none.
+
+        Raises FileError that names the line and what is expected, by default numbers.
+        """
         numbers = np.empty((len(self.cells), len(indices)))
         for index, (line, row) in enumerate(zip(self.lines, self.cells, strict=True)):
             words = [row[column] for column in indices]
             try:
                 numbers[index] = [math.nan if word.lower() in MISSING else float(word) for word in words]
             except ValueError:
-                expected = "a number" if len(indices) == 1 else f"{len(indices)} numbers"
+                expected = expected or ("a number" if len(indices) == 1 else f"{len(indices)} numbers")
                 raise FileError(f"line {line}: found {','.join(words)[:80]!r}, expected {expected}") from None
         return numbers
 
@@ -111,16 +114,16 @@ def are_even(steps: NDArray[Any], least: float = _EVEN) -> bool:
     return float(np.mean((steps > 0.5 * usual) & (steps < 1.5 * usual))) >= least
 
 
-def rows_in_order(path: Path, cells: Sequence[Sequence[str]], stamps: Times) -> NDArray[np.intp]:
+def rows_in_order(path: Path, rows: Sequence[Sequence[Any]], stamps: Times) -> NDArray[np.intp]:
     """Return the numbers of rows at times (N,) [ns] without those that are there twice, in the order of time.
 
     Rows are sorted, with a warning, only if that leaves even steps, as of one stream that was shuffled, reversed or
     sorted by something else. Others stay as they are, since times that go back are evidence: see `time_order`.
     """
-    first = {tuple(row): number for number, row in reversed(list(enumerate(cells)))}
+    first = {(stamps[number], *row): number for number, row in reversed(list(enumerate(rows)))}
     numbers = np.sort(np.array(list(first.values()), np.intp))
-    if len(numbers) < len(cells):
-        logger.warning("%s: %d of %d rows are there twice", path, len(cells) - len(numbers), len(cells))
+    if len(numbers) < len(rows):
+        logger.warning("%s: %d of %d rows are there twice", path, len(rows) - len(numbers), len(rows))
     known = stamps[numbers]
     back = int((np.diff(known) < 0).sum())
     if not back or (known == UNKNOWN).any():
