@@ -21,7 +21,14 @@ from palpate.config import TrackerSettings
 from palpate.errors import FrameError, PalpateError, SettingError, one_line
 from palpate.geometry.shapes import Shape
 from palpate.io import ros_messages as ros
-from palpate.io.estimates import DIAGNOSTICS, OUTLINES, POSES, POSES_WITH_COVARIANCE, estimate_messages
+from palpate.io.estimates import (
+    DIAGNOSTICS,
+    OUTLINE_POINTS,
+    OUTLINES,
+    POSES,
+    POSES_WITH_COVARIANCE,
+    estimate_messages,
+)
 from palpate.io.outlines import load_shape
 from palpate.live.session import LiveSession, stop_on_signals
 from palpate.live.sources import ImageSource, Sources, TimedPose, TouchImage, checked_pose, together
@@ -46,6 +53,7 @@ TOPICS = {
     POSES_WITH_COVARIANCE: ros.POSE_WITH_COVARIANCE,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     **dict.fromkeys(OUTLINES, ros.POLYGON),
+    OUTLINE_POINTS: ros.POINTS,
 }
 """Topics that the node publishes, with their types."""
 
@@ -79,7 +87,7 @@ Parameters
 
 Topics that it publishes, below its own name
   object_pose, object_pose_with_covariance, diagnostics; of an outline that is learnt outline, outline_inner and
-  outline_outer, the edges of its 95 % band
+  outline_outer, the edges of its 95 % band, and outline_points, the points of all three
 """
 
 

@@ -13,6 +13,7 @@ from recording_samples import BLIND, pushed
 from view_samples import imaged_push, imaged_push_of_hand
 
 import palpate
+from palpate.files import write_json
 
 pytestmark = pytest.mark.usefixtures("folder")
 
@@ -186,6 +187,44 @@ def test_page_and_messages_show_the_outline_as_it_is_learnt(succeeds):
         for edge in ("_inner", "", "_outer")
     ]
     assert (np.diff(spread, axis=0) > 0.0).all()
+    _, cloud = found["/palpate/outline_points"][-1]
+    in_cloud = np.frombuffer(bytes(cloud.data), "<f4").reshape(cloud.width, 3)
+    assert [(field.name, field.offset, field.datatype) for field in cloud.fields] == [
+        ("x", 0, 7),
+        ("y", 4, 7),
+        ("z", 8, 7),
+    ]
+    in_polygons = [
+        (point.x, point.y, point.z)
+        for edge in ("", "_inner", "_outer")
+        for point in found[f"/palpate/outline{edge}"][-1][1].polygon.points
+    ]
+    assert np.array_equal(in_cloud, np.array(in_polygons, np.float32))
+
+
+def test_messages_show_no_outline_while_the_object_may_be_anywhere(succeeds):
+    succeeds("track", "push.mcap", "--shape", "unknown", "--first-pose-unknown", *ORACLE, "--mcap")
+    found = decoded_by_another(Path("runs/push/estimates.mcap"))
+    first = int(np.argmax(pushed().contact))
+    assert first > 0
+    times = [time for time, _ in found["/palpate/object_pose"]]
+    for name in ("outline", "outline_inner", "outline_outer", "outline_points"):
+        assert [time for time, _ in found[f"/palpate/{name}"]] == times[first:]
+    succeeds("track", "push.mcap", "--shape", "unknown", *ORACLE, "--mcap", "--out", "known-start")
+    assert len(decoded_by_another(Path("known-start/estimates.mcap"))["/palpate/outline"]) == len(times)
+
+
+def test_a_drawing_says_what_of_it_is_a_guess(run_palpate, succeeds):
+    succeeds("track", "push.mcap", "--shape", "unknown", *ORACLE)
+    code, out, _ = run_palpate("outline", "runs/push", "--out", "part.svg")
+    assert code == 0 and "is a guess" in out and "next time: --shape part.svg" in out
+    data = run_data()
+    write_json(Path("runs/push/outline.json"), data | {"touched": [True] * len(data["touched"])})
+    code, out, _ = run_palpate("outline", "runs/push", "--out", "touched.svg")
+    assert code == 0 and "is a guess" not in out
+    write_json(Path("runs/push/outline.json"), data | {"deviation": [0.2] * len(data["deviation"])})
+    code, out, _ = run_palpate("outline", "runs/push", "--out", "vague.svg")
+    assert code == 0 and "next time" not in out and "cannot be the sketch" in out
 
 
 def test_a_live_session_keeps_that_the_outline_is_unknown(run_palpate, json_of):

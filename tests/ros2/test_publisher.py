@@ -138,6 +138,8 @@ def test_a_learnt_outline_is_published_where_the_object_is():
     outline = Outline(0.05 * np.column_stack((np.cos(angle), np.sin(angle))), np.full(8, 2e-3), np.ones(8, bool))
     answers = (Answer(POSES[1], COVARIANCE, 1.0),)
     topics.publish({}, Estimate(0.5, POSES[1], COVARIANCE, True, "uncertain", "", answers, outline=outline))
+    (cloud,) = node.published["~/outline_points"]
+    assert cloud.width == 3 * len(outline.points)
     radii = []
     for name in ("outline_inner", "outline", "outline_outer"):
         (polygon,) = node.published[f"~/{name}"]

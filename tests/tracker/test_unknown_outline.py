@@ -386,3 +386,12 @@ def test_the_next_push_of_a_known_outline_is_refused():
         palpate.next_push(known)
     with pytest.raises(palpate.SettingError, match="tip_radius"):
         palpate.next_push(band(0.0), tip_radius=-1.0)
+
+
+def test_a_kink_of_the_outline_makes_no_spike_of_its_band():
+    angle = np.arange(64) * (np.pi / 32)
+    radius = np.full(64, 0.05)
+    radius[10] = 0.04
+    outline = Outline(radius[:, None] * np.column_stack((np.cos(angle), np.sin(angle))), np.full(64, 0.01), angle < 1.0)
+    _, outer = outline.edges()
+    assert np.hypot(*outer.T).max() < 0.05 + 1.1 * 1.96 * 0.01

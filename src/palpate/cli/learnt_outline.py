@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+
 import palpate
 from palpate.cli.console import Report
 from palpate.cli.options import Bag, Force, arg
@@ -112,9 +114,23 @@ def outline(
         "width_mm": 1e3 * learnt.shape.extent,
         "sigma_mm": 1e3 * learnt.sigma,
         "touched_share": float(learnt.touched.mean()),
+        "guessed_share": learnt.guessed_share,
     }
-    notes = [f"next time: --shape {out} --outline-sigma {1e3 * learnt.sigma:.1f}mm"]
-    if out.suffix.lower() == ".svg":
-        x, y = 1e3 * learnt.shape.centroid
+    is_svg = out.suffix.lower() == ".svg"
+    centroid = np.asarray(learnt.shape.centroid)
+    notes = [_next_time(palpate.Polygon(learnt.points - is_svg * centroid), learnt.sigma, out)]
+    if learnt.guessed_share:
+        notes.append(f"{learnt.guessed_share:.0%} of it, in one piece, is a guess, as nothing touched it")
+    if is_svg:
+        x, y = 1e3 * centroid
         notes.append(f"an SVG is put about its centroid, {x:.1f}, {y:.1f} mm in the run's object frame; .json keeps it")
     return Report(out.name, data, notes=notes)
+
+
+def _next_time(shape: "palpate.Shape", sigma: float, out: Path) -> str:
+    """Return how an outline with its deviation [m] in a file is the next run's sketch, or why it cannot be one."""
+    try:
+        palpate.Sketch(shape, sigma)
+    except PalpateError as error:
+        return f"it cannot be the sketch of the next run: {error}"
+    return f"next time: --shape {out} --outline-sigma {1e3 * sigma:.1f}mm"

@@ -20,8 +20,6 @@ class _Settings:
     contradict it: less than for a sketch, as they have most of the error of their poses in common."""
     ways: int = 16
     """Number of directions along which the width of what was touched is measured."""
-    widest_gap: float = 0.3
-    """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
     often: float = 0.2
     """Share of contacts up to which something else may have moved the object, as it always may a single time."""
 
@@ -80,7 +78,7 @@ def form_evidence(
             shoved_share=_often_shoved(contacts),
         )
     return FormEvidence(
-        untouched_share=_widest_gap(outline),
+        untouched_share=outline.guessed_share,
         deviation=deviation,
         is_beyond_tolerance=2.0 * deviation > tolerance,
         has_directions=has_directions,
@@ -96,16 +94,6 @@ def _often_shoved(contacts: Contacts) -> float:
 def _is_often(times: float, contacts: Contacts) -> bool:
     """Return True for more times than something else may have moved the object; never before a first contact."""
     return times > (max(_SETTINGS.often * contacts.count, 1.0) if contacts.count > 1 else 0.0)
-
-
-def _widest_gap(outline: Outline) -> float:
-    """Return the longest part of an outline that was not touched, as a share of it, if it is too long; else 0."""
-    places = np.flatnonzero(outline.touched)
-    if not len(places):
-        return 1.0
-    gaps = np.diff(np.append(places, places[0] + len(outline.touched)))
-    widest = float(gaps.max()) / len(outline.touched)
-    return widest if widest > _SETTINGS.widest_gap else 0.0
 
 
 def _beyond_size(contacts: Contacts, given: Unknown) -> float:

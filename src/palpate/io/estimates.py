@@ -6,7 +6,9 @@ those of `Answer.origin` with the number of answers of each, as "as before 1; sh
 
 Each estimate is written as three messages: a `PoseStamped`, which viewers draw; a `PoseWithCovarianceStamped`, whose
 covariance is about the axes of the header's frame, as in ROS, not about those of the object; and a `DiagnosticArray`.
-An outline that is learnt adds three `PolygonStamped`, which viewers draw, too: itself and the edges of its 95 % band.
+An outline that is learnt adds three `PolygonStamped`, itself and the edges of its 95 % band, and a `PointCloud2` of the
+points of all three, since Rerun draws no polygons. They begin when the object has a place: one that may be anywhere
+would be drawn at the world's origin.
 """
 
 import csv
@@ -17,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from palpate.arrays import Array
+from palpate.config import ANYWHERE_SIGMA
 from palpate.files import whole_file
 from palpate.geometry import se2
 from palpate.io import ros_messages as ros
@@ -33,6 +36,8 @@ POSES_WITH_COVARIANCE = "/palpate/object_pose_with_covariance"
 DIAGNOSTICS = "/palpate/diagnostics"
 OUTLINES = ("/palpate/outline", "/palpate/outline_inner", "/palpate/outline_outer")
 """Topics of an outline that is learnt, and of the edges of its 95 % band."""
+OUTLINE_POINTS = "/palpate/outline_points"
+"""Topic of the points of all three."""
 LEVELS = {"resting": 0, "tracking": 0, "indeterminate": 2, "faulty": 2}
 """DiagnosticStatus level of statuses: 0 is ok, 2 an error. All others have level 1, a warning."""
 
@@ -75,7 +80,9 @@ def estimate_messages(
         hardware_id="palpate",
         values=[ros.message("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()],
     )
-    outlines = {} if estimate.outline is None else _outline_messages(plane, header, estimate.pose, estimate.outline)
+    outlines: dict[str, Any] = {}
+    if estimate.outline is not None and _has_place(estimate):
+        outlines = _outline_messages(plane, header, estimate.pose, estimate.outline)
     return outlines | {
         POSES: ros.message(ros.POSE, header=header, pose=pose),
         POSES_WITH_COVARIANCE: ros.message(ros.POSE_WITH_COVARIANCE, header=header, pose=pose_with_covariance),
@@ -83,16 +90,23 @@ def estimate_messages(
     }
 
 
+def _has_place(estimate: Estimate) -> bool:
+    """Return False while the object may be anywhere."""
+    return bool(np.sqrt(estimate.covariance.diagonal()[:2]).max() < ANYWHERE_SIGMA[0])
+
+
 def _outline_messages(plane: Plane, header: Any, pose: Array, outline: Outline) -> dict[str, Any]:
     """Return a learnt outline and both edges of its 95 % band at a pose (3,), by topic."""
-    messages = {}
+    messages: dict[str, Any] = {}
+    lines: list[Array] = []
     for topic, line in zip(OUTLINES, (outline.points, *outline.edges()), strict=True):
         in_plane = se2.transform(pose, line)
         places = np.column_stack((in_plane, np.full(len(line), plane.height))) @ plane.axes.T
         points = [ros.message("geometry_msgs/msg/Point32", x=x, y=y, z=z) for x, y, z in places.tolist()]
         polygon = ros.message("geometry_msgs/msg/Polygon", points=points)
         messages[topic] = ros.message(ros.POLYGON, header=header, polygon=polygon)
-    return messages
+        lines.append(places)
+    return messages | {OUTLINE_POINTS: ros.point_cloud(header, np.concatenate(lines))}
 
 
 def write_estimates_csv(data: Trajectory, path: Path, answers: Answers = ()) -> None:

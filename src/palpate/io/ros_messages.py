@@ -23,6 +23,7 @@ POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TRANSFORM = "geometry_msgs/msg/TransformStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
 POLYGON = "geometry_msgs/msg/PolygonStamped"
+POINTS = "sensor_msgs/msg/PointCloud2"
 BOOL = "std_msgs/msg/Bool"
 
 IMAGE_TYPES = (IMAGE, COMPRESSED_IMAGE, "foxglove.RawImage", "foxglove.CompressedImage")
@@ -183,6 +184,19 @@ def stamped_image(time: int, image: bytes) -> Any:
     data = np.frombuffer(image, np.uint8)
     codec = codec_of(image) or "jpeg"
     return message(COMPRESSED_IMAGE, header=header(time, "sensor"), format=codec, data=data)
+
+
+def point_cloud(header: Any, points: Array) -> Any:
+    """Return the PointCloud2 of points (P, 3) [m]."""
+    rows = points.astype("<f4")
+    size = rows.itemsize
+    field = ros_types("cdr").types["sensor_msgs/msg/PointField"]
+    fields = [
+        field(name=axis, offset=size * index, datatype=field.FLOAT32, count=1) for index, axis in enumerate("xyz")
+    ]
+    layout = {"height": 1, "width": len(rows), "point_step": 3 * size, "row_step": rows.nbytes, "fields": fields}
+    data = np.frombuffer(rows.tobytes(), np.uint8)
+    return message(POINTS, header=header, is_bigendian=False, is_dense=True, data=data, **layout)
 
 
 def stamp_of(message: Any) -> int | None:

@@ -24,6 +24,8 @@ class _Limits:
     """[m] Least deviation of a sketch; one that is better is an outline that is known."""
     largest_sigma: float = 0.25
     """Largest deviation of a sketch, as a share of its width."""
+    widest_gap: float = 0.3
+    """Longest part of an outline, as a share of it, that may be a guess between contacts from all sides."""
     hidden: float = 0.1
     """[rad] Largest angle by which a sketch's outline may go back, seen from its origin."""
 
@@ -125,6 +127,16 @@ class Outline:
         return math.sqrt(float(np.mean(np.square(self.deviation))))
 
     @property
+    def guessed_share(self) -> float:
+        """Longest part that was not touched, as a share of the outline, if it is too long for a guess; else 0."""
+        places = np.flatnonzero(self.touched)
+        if not len(places):
+            return 1.0
+        gaps = np.diff(np.append(places, places[0] + len(self.touched)))
+        widest = float(gaps.max()) / len(self.touched)
+        return widest if widest > _LIMITS.widest_gap else 0.0
+
+    @property
     def normals(self) -> Array:
         """Outward normals (N, 2) at the points."""
         along = np.roll(self.points, -1, axis=0) - np.roll(self.points, 1, axis=0)
@@ -150,6 +162,8 @@ class Outline:
         radius = np.hypot(from_origin[:, 0], from_origin[:, 1])
         outward = from_origin / radius[:, None]
         slant = np.maximum((outward * self.normals).sum(axis=1), 0.3)  # of the outline to the ray
+        # As of the neighbour that is least slanted: a kink of a few points would make the band a spike.
+        slant = np.max([np.roll(slant, shift) for shift in range(-2, 3)], axis=0)
         reach = 1.96 * self.deviation / slant
         inner = np.maximum(radius - reach, 0.0)
         return self.origin + inner[:, None] * outward, self.origin + (radius + reach)[:, None] * outward
