@@ -238,6 +238,13 @@ def of_json(path: str, names: Mapping[str, str], *within: str) -> Callable[[], I
     return rows
 
 
+def disturbance_rates() -> Iterator[Row]:
+    """Return the rows of docs/study/disturbance_rate.json: each rate of each kind of recordings."""
+    for kind, rates in loaded("docs/study/disturbance_rate.json")["kinds"].items():
+        for rate, scores in rates.items():
+            yield {"kind": kind, "rate": rate, **scores}
+
+
 def of_units(part: str, names: Mapping[str, str], cell: str) -> Callable[[], Iterator[Row]]:
     """Return rows of docs/study/units.json: a unit, or units together, and a cell for each count of presses."""
 
@@ -667,6 +674,18 @@ TABLES: dict[str, Table] = {
             },
             "causes",
         ),
+    ),
+    "disturbance-rate": Table(
+        {
+            "recordings": "{kind}",
+            "rate [1/s]": "{rate}",
+            "error": "{rms_mm_median:.1f} mm",
+            "mean error, paired with the default": "{change_mm[mean]:+.1f} ± {change_mm[standard_error]:.1f} mm",
+            "in 95 %, in contact": "{in_95:.0%}",
+            "sure, in contact": "{sure_share:.0%}",
+            "`ambiguous`": "{ambiguous_share:.0%}",
+        },
+        disturbance_rates,
     ),
     "outline-image-causes": Table(
         {
