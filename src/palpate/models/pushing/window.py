@@ -7,12 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import Array
 from palpate.config import Priors
-from palpate.estimation import window
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.gauss_newton import RECENT
 from palpate.estimation.rows import Indices
 from palpate.estimation.variable import Variable
-from palpate.estimation.window import LAG
+from palpate.estimation.window import LAG, Window
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.graph import Graph
@@ -23,8 +22,18 @@ from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.types.measurements import ContactCorner, OwnMeasurement, Turn
 
 
-class PushingWindow(window.Window):
+class PushingWindow(Window):
     """A window whose rows are beliefs about an object that is pushed or rests."""
+
+    def __init__(self, graph: Graph, steps: NDArray[np.void], rows: NDArray[np.void], lag: int, drift: Array) -> None:
+        """Take the first step (1, B) and the rows (B,), and the variances `drift` of changes in each step.
+
+        These are of the numbers of the last step and the shared variables.
+        """
+        room = np.zeros(1, graph.compiled.records.work)
+        contact_model = graph.contact_model
+        given = Given(graph.settings, drift, contact_model.surfaces, contact_model.corners, room)
+        super().__init__(graph.compiled, given, steps, rows, lag, graph.own)
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
@@ -54,22 +63,19 @@ class ContactWindow(PushingWindow):
         `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
         step as `priors` says, by default not at all.
         """
-        model = graph.model
-        compiled = graph.compiled
-        self._contact_model = model
-        variables = compiled.model
-        drift = np.zeros(variables.last_size)
-        if priors is not None:
-            drift[variables.last_size - variables.object_size :] = object_prior(priors, variables).change_per_step
         sign = np.ones(len(belief)) if sign is None else sign
-        steps, rows = begun(compiled, belief, step.sensor_pose, sign)
+        steps, rows = first_step(graph.compiled, belief, step.sensor_pose, sign)
         _put_sunk_and_fingers(steps[0], rows, step)
-        given = Given(graph.settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
-        super().__init__(compiled, given, steps, rows, lag, graph.own)
+        model = graph.compiled.model
+        drift = np.zeros(model.last_size)
+        if priors is not None:
+            drift[model.last_size - model.object_size :] = object_prior(priors, model).change_per_step
+        super().__init__(graph, steps, rows, lag, drift)
+        self._contact_model = graph.contact_model
         self._have_turns: set[int] = set()  # fingers, 0 of a single sensor
         self._have_touched: set[int] = set()  # fingers, in this contact of the object
         self._note_touching(step)
-        self._solve_with(step, *terms_of(compiled, step, 0))
+        self._solve_with(step, *terms_of(graph.compiled, step, 0))
 
     def add(self, step: Step, spread: ArrayLike = 0.0) -> None:
         """Add the next step.
@@ -208,10 +214,10 @@ def _forget(past: np.void, first: int, place: int, variable: Variable) -> None:
     gradient[at] = (mean - past["shared"][place]) / deviation**2
 
 
-def begun(
+def first_step(
     compiled: CompiledModel, belief: Belief, sensor_pose: Array, sign: Array
 ) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Return the first step (1, B) and the rows (B,) of a window that begins with these beliefs.
+    """Return the first step (1, B) of a window that begins with these beliefs, and its rows (B,).
 
     The sensor pose is (3,), or (B, 3).
     """
