@@ -133,7 +133,8 @@ def _put_clearances(
             extent = (normal.conjugate() * (touch.point - center)).real
             extent -= touch.gap * (normal.real**2 + normal.imag**2)
             gap[b, p] = touch.gap + values[b, depth] - values[b, _SCALE] * extent
-            # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
+            # To move the object is to move the sensor backwards. So the derivative is that by the sensor's pose, moved
+            # to the object's origin as a force and a torque would be.
             force = turn * complex(touch.gap_by_g[0], touch.gap_by_g[1])
             out = derivative[b, p]
             out[0] = -force.real
