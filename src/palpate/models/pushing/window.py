@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Flags
 from palpate.config import Priors
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.gauss_newton import RECENT
@@ -74,7 +74,8 @@ class ContactWindow(PushingWindow):
         self._contact_model = graph.contact_model
         self._have_turns: set[int] = set()  # fingers, 0 of a single sensor
         self._have_touched: set[int] = set()  # fingers, in this contact of the object
-        self._note_touching(step)
+        if step.fingers is not None:
+            self._note_touching(step.fingers.touches)
         self._solve_with(step, *terms_of(graph.compiled, step, 0))
 
     def add(self, step: Step, spread: ArrayLike = 0.0) -> None:
@@ -84,7 +85,8 @@ class ContactWindow(PushingWindow):
         object in this step. Raises EstimationError where no hypothesis has a solution.
         """
         arrived, own = terms_of(self._compiled, step, self._left + self._count)  # may raise
-        self._begin_contacts_anew(step)
+        if step.fingers is not None:
+            self._begin_contacts_anew(step.fingers.touches)
         now = self._next_step()
         now["e"] = step.sensor_pose
         now["measured"] = step.sensor_pose
@@ -100,39 +102,40 @@ class ContactWindow(PushingWindow):
         self._solve(np.full(len(self.rows), RECENT))
 
     def _begin_turns(self, step: Step) -> None:
-        """Let the first turn of a contact determine the offset of its turns.
-
-        Far from the true offset, the robust kernel would leave a turn hardly any weight.
-        """
+        """Let the first turn of a contact determine the offset of its turns."""
         for index, given in enumerate(step.measurements):
             measurement, finger = measurement_and_finger(given)
             if isinstance(measurement, Turn) and finger not in self._have_turns:
                 self._have_turns.add(finger)
-                sign = self.rows["sign"] if index < step.from_touch else 1.0
-                yaw = self._steps["g"][-1, :, 2]
-                if step.fingers is not None:
-                    yaw = yaw + self._steps["finger"][-1, :, finger, 2]
-                offset = se2.wrap(yaw - measurement.angle * sign)
-                place = self._compiled.model.in_shared[variable_of(TURN_OFFSET, finger)]
-                self.rows["shared"][:, place] = offset[:, None]
+                self._begin_turn(measurement.angle, finger, index < step.from_touch)
 
-    def _note_touching(self, step: Step) -> None:
-        """Remember the fingers that touch."""
-        if step.fingers is not None:
-            self._have_touched.update(np.flatnonzero(step.fingers.touches).tolist())
+    def _begin_turn(self, angle: float, finger: int, from_touch: bool) -> None:
+        """Set the offset of turns with which a measured one fits the last step.
 
-    def _begin_contacts_anew(self, step: Step) -> None:
+        Far from the true offset, the robust kernel would leave a turn hardly any weight.
+        """
+        model = self._compiled.model
+        sign = self.rows["sign"] if from_touch else 1.0
+        yaw = self._steps["g"][-1, :, 2]
+        if model.fingers:
+            yaw = yaw + self._steps["finger"][-1, :, finger, 2]
+        offset = se2.wrap(yaw - angle * sign)
+        self.rows["shared"][:, model.in_shared[variable_of(TURN_OFFSET, finger)]] = offset[:, None]
+
+    def _note_touching(self, touches: Flags) -> None:
+        """Remember the fingers that touch, by their flags (N,)."""
+        self._have_touched.update(np.flatnonzero(touches).tolist())
+
+    def _begin_contacts_anew(self, touches: Flags) -> None:
         """Let fingers that touch again, while others held on, begin a contact of their own.
 
         What the contact before has told of its variables is forgotten.
         """
-        if step.fingers is None:
-            return
-        begin = step.fingers.touches & (self._steps["touches"][-1, 0] < 0.5)
+        begin = touches & (self._steps["touches"][-1, 0] < 0.5)
         for finger in np.flatnonzero(begin).tolist():
             if finger in self._have_touched:
                 self._forget_contact(finger)
-        self._note_touching(step)
+        self._note_touching(touches)
 
     def _forget_contact(self, finger: int) -> None:
         """Drop the terms that hang on the variables of a finger's contact, and what older steps say of these."""
