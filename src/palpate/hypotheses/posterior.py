@@ -118,13 +118,7 @@ def posterior_of(
     """Return the posterior of hypotheses after a frame; `touching` is None between contacts."""
     in_contact = touching is not None
     known = rows.whole_belief.pose_covariance
-    covariances = known + monitor.set_up_covariance
-    contradictions = (0.0, 0.0, 0.0)
-    if np.count_nonzero(rows.contradictions):
-        covariances = covariances + monitor.contradiction_covariance(rows)
-        contradictions = contradicting_distances(rows)[0].tolist()
-    if not in_contact and np.count_nonzero(rows.displacement):
-        covariances = covariances + monitor.displacement_covariance(rows)
+    covariances = _with_doubts(known, rows, in_contact, monitor)
     covariance = covariances[0]
     ambiguity = None
     if len(rows) > 1:
@@ -132,6 +126,7 @@ def posterior_of(
         covariance = np.zeros((3, 3))
         _put_spread(rows.belief.pose, covariances, rows.weight, monitor.to_centroid, from_best, covariance)
         ambiguity = _ambiguity(from_best, rows, tolerance)
+    by_poses, by_outline, by_variables = contradicting_distances(rows)[0].tolist()
     x, y, yaw = monitor.deviations_of_centroid(covariance)
     position = max(x, y)
     evidence = PoseEvidence(
@@ -141,9 +136,9 @@ def posterior_of(
         is_beyond_tolerance=2.0 * position > tolerance.length or 2.0 * yaw > tolerance.angle,
         ambiguity=ambiguity,
         has_begun_anew=circumstances.has_begun_anew,
-        contradicting_poses=contradictions[0],
-        contradicting_outline=contradictions[1],
-        implausible=Implausible(*monitor.least_plausible(rows)) if contradictions[2] > 0.0 else None,
+        contradicting_poses=by_poses,
+        contradicting_outline=by_outline,
+        implausible=Implausible(*monitor.least_plausible(rows)) if by_variables > 0.0 else None,
         is_displaced=_is_displaced(rows, known[0], in_contact, monitor, tolerance),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=rows.has_mirrors,
@@ -152,6 +147,16 @@ def posterior_of(
     if circumstances.hidden_motion > 0.0:
         covariance = covariance + monitor.covariance_of_motion(circumstances.hidden_motion)
     return Posterior(rows, covariances, covariance, evidence, touching)
+
+
+def _with_doubts(known: Array, rows: Hypotheses, in_contact: bool, monitor: ConsistencyMonitor) -> Array:
+    """Return the covariances (B, 3, 3) of poses as users see them: with the set-up, and with what contradicts them."""
+    covariances = known + monitor.set_up_covariance
+    if np.count_nonzero(rows.contradictions):
+        covariances = covariances + monitor.contradiction_covariance(rows)
+    if not in_contact and np.count_nonzero(rows.displacement):
+        covariances = covariances + monitor.displacement_covariance(rows)
+    return covariances
 
 
 def _is_displaced(
