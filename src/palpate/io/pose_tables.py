@@ -94,7 +94,7 @@ def read_cells(path: Path) -> Table:
         raise FileError(f"{path}: found {width} columns below the {len(header)} names {', '.join(header)[:200]}")
     names = [_with_short_unit(column_name(cell)) for cell in header] if len(header) == width else []  # else a remark
     table = Table(path, names, [line for line, _ in rows], [row[:width] for _, row in rows])
-    return _with_whole_stamps(with_numbers_for_clocks(table, _is_time))
+    return _with_whole_stamps(with_numbers_for_clocks(table, names_time))
 
 
 def _check_width(path: Path, rows: list[tuple[int, list[str]]]) -> None:
@@ -118,7 +118,8 @@ def _with_short_unit(name: str) -> str:
     return re.sub(rf"_in_(?=({'|'.join(filter(None, _UNIT_WORDS))})$)", "_", name)
 
 
-def _is_time(name: str) -> bool:
+def names_time(name: str) -> bool:
+    """Return true for the name of a column of times, as `column_name` writes it."""
     return _TIME.fullmatch(name) is not None
 
 
