@@ -172,6 +172,15 @@ def test_an_object_larger_than_stated_and_a_sketch_that_does_not_fit_are_straine
     assert other.status == "strained" and "from the sketch" in other.reason
 
 
+@pytest.mark.parametrize(("drawn", "words"), [(1.3, "smaller than the sketch"), (0.75, "larger than the sketch")])
+def test_a_sketch_of_another_size_is_strained_once_several_sides_say_so(drawn, words):
+    estimates = tracked(Sketch(Disc(drawn * RADIUS), 5e-3), touches(), FIRST)
+    assert estimates[-1].status == "strained" and words in estimates[-1].reason
+    for nearly in (0.95, 1.0, 1.05):
+        last = tracked(Sketch(Disc(nearly * RADIUS), 5e-3), touches(), FIRST)[-1]
+        assert last.status != "strained"
+
+
 @pytest.mark.parametrize("shape", [Sketch(Disc(RADIUS), 2e-3), Unknown((0.08, 0.2))])
 def test_an_object_that_something_else_has_moved_is_found_anew(shape):
     """A disc is learnt all around, then it is 3 cm away; touches of it there say so."""

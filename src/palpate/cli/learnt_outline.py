@@ -128,7 +128,7 @@ def outline(
 
 
 def _next_time(shape: "palpate.Shape", sigma: float, out: Path) -> str:
-    """Return how an outline with its deviation [m] in a file is the next run's sketch, or why it cannot be one."""
+    """Return the options that take an outline and its deviation [m] as the next run's sketch, or why that cannot be."""
     try:
         palpate.Sketch(shape, sigma)
     except PalpateError as error:
