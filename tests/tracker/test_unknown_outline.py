@@ -10,7 +10,7 @@ import pytest
 import palpate
 from palpate import DIGIT, ContactDirection, Disc, Frame, Outline, Polygon, Rectangle, Sketch, Tracker, Unknown
 from palpate.exploring import explorer
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 
 RADIUS = 0.06
 FIRST = np.array((0.0, 0.0, 0.2))
