@@ -129,6 +129,7 @@ def posterior_of(
     by_poses, by_outline, by_variables = contradicting_distances(rows)[0].tolist()
     x, y, yaw = monitor.deviations_of_centroid(covariance)
     position = max(x, y)
+    was_displaced = bool(rows.displacement[0] > 0.0)
     evidence = PoseEvidence(
         in_contact=in_contact,
         position_deviation=position,
@@ -139,7 +140,7 @@ def posterior_of(
         contradicting_poses=by_poses,
         contradicting_outline=by_outline,
         implausible=Implausible(*monitor.least_plausible(rows)) if by_variables > 0.0 else None,
-        is_displaced=_is_displaced(rows, known[0], in_contact, monitor, tolerance),
+        is_displaced=was_displaced and not _is_found_again(known[0], in_contact, monitor, tolerance),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=rows.has_mirrors,
         are_of_hand=circumstances.are_of_hand,
@@ -159,18 +160,11 @@ def _with_doubts(known: Array, rows: Hypotheses, in_contact: bool, monitor: Cons
     return covariances
 
 
-def _is_displaced(
-    rows: Hypotheses, covariance: Array, in_contact: bool, monitor: ConsistencyMonitor, tolerance: Tolerance
-) -> bool:
-    """Return True if the object of the best hypothesis was moved, and no contact has found it again so far.
-
-    `covariance` (3, 3) is that of its pose.
-    """
-    if rows.displacement[0] == 0.0:
-        return False
+def _is_found_again(covariance: Array, in_contact: bool, monitor: ConsistencyMonitor, tolerance: Tolerance) -> bool:
+    """Return True if a contact has found an object that was displaced; `covariance` (3, 3) is that of its pose."""
     deviations = monitor.deviations_of_centroid(covariance)
-    is_lost = [deviation > found for deviation, found in zip(deviations, _FOUND_SIGMA, strict=True)]
-    return not in_contact or any(is_lost if math.isfinite(tolerance.angle) else is_lost[:2])
+    is_known = [deviation <= found for deviation, found in zip(deviations, _FOUND_SIGMA, strict=True)]
+    return in_contact and all(is_known if math.isfinite(tolerance.angle) else is_known[:2])
 
 
 @compiled(np.zeros((1, 3)), np.zeros((1, 3, 3)), np.zeros(1), np.zeros((3, 3)), np.zeros((1, 3)), np.zeros((3, 3)))
