@@ -97,11 +97,15 @@ class PoseMonitor:
         self._implausible_time = time
         is_confirmed = before is not None and 0.0 < time - before <= _LIMITS.longest_gap
         if gap > _LIMITS.longest_gap and not is_confirmed:
-            unit = other_time_unit(gap, self._rate)
-            raise FrameError(
-                f"frame at {time:.3f} s comes {gap:.3g} s after the last one, more than {_LIMITS.longest_gap:g} s; the "
-                f"next that follows it is taken{unit and '; '}{unit}"
-            )
+            raise FrameError(self._gap_words(time, gap))
+
+    def _gap_words(self, time: float, gap: float) -> str:
+        """Return a sentence on a frame at a time that comes so long after the last one [s]."""
+        unit = other_time_unit(gap, self._rate)
+        return (
+            f"frame at {time:.3f} s comes {gap:.3g} s after the last one, more than {_LIMITS.longest_gap:g} s; the "
+            f"next that follows it is taken{unit and '; '}{unit}"
+        )
 
     def check_pose(
         self, time: float, measured: Array, in_contact: bool, touch: TouchChanges, closed: float = 0.0
