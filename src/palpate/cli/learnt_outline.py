@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-
 import palpate
 from palpate.cli.console import Report
 from palpate.cli.options import Bag, Force, arg
@@ -117,7 +115,7 @@ def outline(
         "guessed_share": learnt.guessed_share,
     }
     is_svg = out.suffix.lower() == ".svg"
-    centroid = np.asarray(learnt.shape.centroid)
+    centroid = learnt.shape.centroid
     notes = [_next_time(palpate.Polygon(learnt.points - is_svg * centroid), learnt.sigma, out)]
     if learnt.guessed_share:
         notes.append(f"{learnt.guessed_share:.0%} of it, in one piece, is a guess, as nothing touched it")
