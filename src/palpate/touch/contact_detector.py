@@ -108,7 +108,7 @@ class ContactDetector:
             image = scaled(image, self._size)
         if self.background is None and not self._steady.seen and self._seek_markers:
             self.markers = find_markers(image)
-        return without_markers(image, self.markers)
+        return image if self.markers is None else without_markers(image, self.markers)
 
     def update(self, image: Image) -> bool:
         """Return true if the gel is touched in an image (height, width, 3) from `read`.
