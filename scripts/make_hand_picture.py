@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate.pipeline.figures import own_style
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import track

@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate import Estimate, Recording, Tracker, TrackerSettings
 from palpate.geometry import se2
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate.pipeline.metrics import deviations
 from palpate_lab.simulate.recordings import plan
 

@@ -18,7 +18,7 @@ from _common import clipped_rmse, for_each, paired, pooled_rmse, write
 import palpate
 from palpate import Recording
 from palpate.arrays import Array, Flags
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate.pipeline.metrics import flag_runs
 from palpate.pipeline.track import track
 from palpate.touch.contact_detector import ContactDetector

@@ -16,7 +16,7 @@ import numpy as np
 from _common import clipped_rmse, for_each, paired, pooled_rmse, write
 
 from palpate import Frame, NoiseSettings, Recording, Run, Tracker, TrackerSettings
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate.pipeline.metrics import flag_runs, translation_errors
 from palpate.pipeline.track import gathered, track
 from palpate.touch.contact_detector import ContactDetector

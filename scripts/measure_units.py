@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from palpate import DIGIT, GELSIGHT_MINI, Calibration, PalpateError, SensorProfile, TrackerSettings
 from palpate.arrays import Image
 from palpate.geometry import se2
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate.pipeline.track import track
 from palpate.touch.background import background_of
 from palpate.touch.one_image import ImageReader

@@ -30,7 +30,7 @@ from clicked_contacts import PROBE, judged
 import palpate
 from palpate import ContactDirection
 from palpate.geometry import se2
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate_lab.parallel import quiet
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.recordings import Simulation

@@ -14,7 +14,7 @@ from _common import write
 from measure_unknown_outline import FIRST_SIGMA, OBJECTS, outline_scores, pose_scores, summarised
 
 import palpate
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate_lab.parallel import quiet
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.recordings import Simulation

@@ -808,6 +808,45 @@ TABLES: dict[str, Table] = {
             "fresh",
         ),
     ),
+    "outline-within": Table(
+        {
+            "a shove within a contact": "{name}",
+            "recordings": "{recordings}",
+            "pose error as it is, with it": "{rms_mm[before]:.1f}, {rms_mm[now]:.1f} mm",
+            "of each, paired": "{rms_mm[difference]:+.1f} ± {rms_mm[standard_error]:.1f} mm",
+            "yaw, paired": "{rms_deg[difference]:+.1f} ± {rms_deg[standard_error]:.1f}°",
+            "in 95 %, paired": "{in_95[difference]:+.1f} ± {in_95[standard_error]:.1f} %",
+            "in the band, paired": "{all_in_95[difference]:+.1f} ± {all_in_95[standard_error]:.1f} %",
+        },
+        of_json(
+            "docs/study/outline_attempt.json",
+            {
+                f"{key}_{data}": f"{name}; {of_data}"
+                for key, name in {
+                    "copies": "copies at each observation, prior 0.5 %",
+                    "copies_2": "the same, prior 2 %",
+                    "mixture_beside_limit": "a mixture within each row, beside the limit of innovations",
+                    "mixture_02": "a mixture within each row, prior 0.2 %",
+                    "mixture": "prior 1 %",
+                    "mixture_half": "prior 1 %, half as far",
+                    "mixture_3": "prior 3 %",
+                    "mixture_10": "prior 10 %",
+                    "mixture_within": "prior 1 %, not at a contact's first observation",
+                    "rule": "the rule of before, besides the copies",
+                    "rule_alone": "that rule alone",
+                }.items()
+                for data, of_data in {
+                    "mit_sketch": "MIT, sketch",
+                    "mit_unknown": "MIT, unknown",
+                    "shoved_sketch": "shoved, sketch",
+                    "shoved_unknown": "shoved, unknown",
+                    "sketch": "nothing shoves, sketch",
+                    "unknown": "nothing shoves, unknown",
+                }.items()
+            },
+            "within",
+        ),
+    ),
     "outline-study": Table(
         OUTLINE_POSES,
         of_json(

@@ -98,6 +98,7 @@ WHOLE = FormEvidence(untouched_share=0.0, deviation=2e-3, is_beyond_tolerance=Fa
     [
         ("strained", "230 mm wide", {"exceeding_width": 0.23, "untouched_share": 0.6}),
         ("strained", "21 mm from the sketch", {"from_sketch": 0.021, "is_beyond_tolerance": True}),
+        ("strained", "23% smaller than the sketch", {"larger_than_sketch": -0.23, "is_beyond_tolerance": True}),
         ("strained", "in 40% of contacts", {"shoved_share": 0.4, "is_beyond_tolerance": True}),
         ("uncertain", "nothing was touched", {"has_directions": False, "untouched_share": 1.0}),
         ("uncertain", "contact directions", {"has_directions": False, "untouched_share": 0.6}),

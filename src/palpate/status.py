@@ -115,6 +115,8 @@ class FormEvidence(NamedTuple):
     """Width of what was touched, if it is more than the stated size [m]; else 0."""
     from_sketch: float = 0.0
     """Largest distance of what was touched from the sketch, if it is implausible [m]; else 0."""
+    larger_than_sketch: float = 0.0
+    """Share by which the object is larger than the sketch, negative if it is smaller, if it is implausible; else 0."""
     shoved_share: float = 0.0
     """Share of contacts in which something else seems to have moved the object, if these are many; else 0."""
 
@@ -200,6 +202,9 @@ def _contradicting_form(form: FormEvidence) -> str:
             f"what was touched is up to {distance} from the sketch, more than its sigma allows; sketch or first pose "
             "may be off"
         )
+    if form.larger_than_sketch != 0.0:
+        share = f"{abs(form.larger_than_sketch):.0%} {'larger' if form.larger_than_sketch > 0.0 else 'smaller'}"
+        return f"what was touched so far makes the object {share} than the sketch, more than its sigma allows"
     if form.shoved_share > 0.0:
         share = f"{form.shoved_share:.0%}"
         return f"something else seems to have moved the object in {share} of contacts; the sketch may be off"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate import track
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate.input.unseen_contact import UnseenContact
 from palpate.touch.contact_detector import touched
 from palpate.types.measurements import ContactDirection, ContactPlace

@@ -333,6 +333,22 @@ def test_tables_that_cannot_be_read_are_named(folder, fails, name):
     assert "ee.csv" in message and words in message
 
 
+@pytest.mark.parametrize(("name", "good"), [("tracking_valid", "True"), ("is_tracked", 1), ("occluded", "false")])
+def test_poses_that_a_column_flags_as_lost_are_unknown(folder, run_palpate, caplog, name, good):
+    bad = {"True": "False", 1: 0, "false": "true"}[good]
+    rows = with_times(true_pose(POSE_TIME))
+    frozen = [
+        (*(row[:1] + rows[20][1:] if 20 <= k < 50 else row), bad if 20 <= k < 50 else good)
+        for k, row in enumerate(rows)
+    ]
+    write_table("ee.csv", f"time,x,y,theta,{name}", frozen)
+    recording = convert(run_palpate, "--image-times", image_table(), "--poses", "ee.csv")
+    seen = (IMAGE_TIME < 0.19) | (IMAGE_TIME > 0.5)
+    assert np.abs(recording.time - START - IMAGE_TIME[seen]).max() < 2e-6
+    assert np.abs(recording.sensor_pose[:, :2] - true_pose(IMAGE_TIME[seen])[:, :2]).max() < 2e-6
+    assert f"30 of 80 poses are unknown by column {name}" in caplog.text
+
+
 def test_rows_of_two_bodies_are_asked_about(folder, fails):
     rows = [
         (time, body, float(x) + off, y, theta)

@@ -1,5 +1,7 @@
 """palpate's own recording file: all of a recording comes back, others read its messages, and damage is named."""
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -217,3 +219,15 @@ def test_a_bad_image_is_named_when_it_is_looked_at(tmp_path):
             FileError, match=rf"a\.mcap: image of frame {index}: its {size} bytes do not decode as JPEG or PNG"
         ):
             found[index]
+
+
+def test_it_is_read_without_the_types_of_all_messages(tmp_path):
+    """They take as long to load as fifty frames to track."""
+    palpate.write_recording(recording(), tmp_path / "one.mcap")
+    code = (
+        "import sys, palpate; print(len(palpate.load_recording(sys.argv[1]).image)); "
+        "print(*(name for name in sys.modules if name.startswith('rosbags.typesys.stores.ros')))"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path / "one.mcap")]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "12\n\n"), done.stderr

@@ -1,13 +1,18 @@
-"""Sensor poses: the pose at an image's time."""
+"""Sensor poses: those that arrive, and the pose at an image's time."""
 
+import json
 import math
+import socket
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate import FrameError
-from palpate.live.sources import PoseTrack, TimedPose
+from palpate.live.sources import PoseTrack, TimedPose, udp_poses
+from palpate.types.choices import Placement
+from palpate.types.space import GelPoses
 
 
 def track(*rows: tuple[float, float, float]) -> PoseTrack:
@@ -55,3 +60,35 @@ def test_times_must_increase():
     poses = track((1.0, 0.0, 0.0))
     refused = poses.add(TimedPose(1.0, np.zeros(3)))
     assert refused is not None and "not after the last one's" in str(refused)
+
+
+def received(**packet: Any) -> TimedPose | FrameError | str:
+    """Return what is made of a packet that arrives at 50 s."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind(("127.0.0.1", 0))
+        port = sender.getsockname()[1]
+    with (
+        udp_poses(f"udp:{port}", lambda: 50.0, GelPoses(Placement())) as source,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        robot = threading.Timer(0.1, sender.sendto, (json.dumps(packet).encode(), ("127.0.0.1", port)))
+        robot.start()
+        found = next(source(threading.Event()))
+        robot.join()
+    return found
+
+
+@pytest.mark.parametrize("name", ["timestamp", "Time", "stamp", "t", "time_ms"])
+def test_a_time_of_another_name_is_not_that_of_arrival(name):
+    found = received(pose=[0.1, 0.0, 0.3], **{name: 49.9})
+    assert f"its time is named '{name}'; allowed is 'time'" in str(found)
+
+
+def test_a_pose_without_a_time_has_that_of_its_arrival():
+    found = received(pose=[0.1, 0.0, 0.3], frame="base")
+    assert isinstance(found, TimedPose) and found.time == 50.0
+
+
+def test_a_sensor_upside_down_is_told_as_by_w_first(caplog):
+    found = received(pose=[0.1, 0.0, 0.1, math.cos(0.05), 0.0, 0.0, math.sin(0.05)])
+    assert isinstance(found, TimedPose) and "unless the quaternions have w first" in caplog.text

@@ -8,7 +8,8 @@ import pytest
 
 from palpate import Calibration, ContactDirection, FileError, Frame, Tracker, Turn
 from palpate.geometry import se2
-from palpate.geometry.shapes import SHAPES, scaled
+from palpate.geometry.named_shapes import SHAPES
+from palpate.geometry.shapes import scaled
 from palpate.pipeline.push_calibration import Push, PushFit, learn_from_pushes, read_push
 from palpate.touch.background import background_of
 from palpate.touch.calibration import SetUp, load_calibration, write_calibration

@@ -227,12 +227,13 @@ for k, image in enumerate(gel):
     estimate = tracker.update(palpate.Frame(k / 30.0, np.array([5e-4 * k, 0.0, 0.0]), image=image))
 assert estimate.contact
 assert abs(tracker.background.mean[253, 33, 0] - 60.0) < 5.0
-heavy = {"cv2", "matplotlib", "scipy.linalg", "scipy.spatial", "scipy.ndimage", "scipy.special", "scipy.optimize"}
+heavy = {"cv2", "matplotlib", "shapely"}
+heavy |= {"scipy.linalg", "scipy.spatial", "scipy.ndimage", "scipy.special", "scipy.optimize"}
 print(*sorted(heavy & set(sys.modules)))
 """
 
 
-def test_images_in_arrays_need_neither_opencv_nor_scipy_nor_matplotlib():
+def test_a_rectangle_and_images_in_arrays_need_no_opencv_scipy_matplotlib_or_shapely():
     done = subprocess.run([sys.executable, "-c", WITHOUT_OPENCV], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "\n"), done.stderr
 

@@ -10,7 +10,7 @@ import pytest
 import palpate
 from palpate import DIGIT, ContactDirection, Disc, Frame, Outline, Polygon, Rectangle, Sketch, Tracker, Unknown
 from palpate.exploring import explorer
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 
 RADIUS = 0.06
 FIRST = np.array((0.0, 0.0, 0.2))
@@ -170,6 +170,15 @@ def test_an_object_larger_than_stated_and_a_sketch_that_does_not_fit_are_straine
     assert tracked(Unknown((0.03, 0.19)), touches(radius=0.09, sides=24), np.zeros(3))[-1].status != "strained"
     other = tracked(Sketch(Disc(0.05), 0.001), touches(radius=0.09, sides=24), np.zeros(3))[-1]
     assert other.status == "strained" and "from the sketch" in other.reason
+
+
+@pytest.mark.parametrize(("drawn", "words"), [(1.3, "smaller than the sketch"), (0.75, "larger than the sketch")])
+def test_a_sketch_of_another_size_is_strained_once_several_sides_say_so(drawn, words):
+    estimates = tracked(Sketch(Disc(drawn * RADIUS), 5e-3), touches(), FIRST)
+    assert estimates[-1].status == "strained" and words in estimates[-1].reason
+    for nearly in (0.95, 1.0, 1.05):
+        last = tracked(Sketch(Disc(nearly * RADIUS), 5e-3), touches(), FIRST)[-1]
+        assert last.status != "strained"
 
 
 @pytest.mark.parametrize("shape", [Sketch(Disc(RADIUS), 2e-3), Unknown((0.08, 0.2))])

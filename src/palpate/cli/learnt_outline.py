@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-
 import palpate
 from palpate.cli.console import Report
 from palpate.cli.options import Bag, Force, arg
@@ -117,7 +115,7 @@ def outline(
         "guessed_share": learnt.guessed_share,
     }
     is_svg = out.suffix.lower() == ".svg"
-    centroid = np.asarray(learnt.shape.centroid)
+    centroid = learnt.shape.centroid
     notes = [_next_time(palpate.Polygon(learnt.points - is_svg * centroid), learnt.sigma, out)]
     if learnt.guessed_share:
         notes.append(f"{learnt.guessed_share:.0%} of it, in one piece, is a guess, as nothing touched it")
@@ -128,7 +126,7 @@ def outline(
 
 
 def _next_time(shape: "palpate.Shape", sigma: float, out: Path) -> str:
-    """Return how an outline with its deviation [m] in a file is the next run's sketch, or why it cannot be one."""
+    """Return the options that take an outline and its deviation [m] as the next run's sketch, or why that cannot be."""
     try:
         palpate.Sketch(shape, sigma)
     except PalpateError as error:

@@ -11,7 +11,6 @@ import hashlib
 import os
 import platform
 import re
-import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -105,6 +104,8 @@ def cache_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
             return folder
+    import tempfile
+
     folder = Path(tempfile.gettempdir()) / f"palpate-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     if folder.lstat().st_uid != os.getuid():  # somebody else's code is not run

@@ -48,9 +48,8 @@ def make_improve(model: Functions, records: RecordTypes, given: Given, name: str
         """Take Gauss-Newton steps of rows, in each of which so many `recent` steps (B,) are linearised every time.
 
         A row with 0 of them keeps its solution; one that has converged or is lost gets 0. Returns the number of lost
-        rows. Steps are (N, B), after
-        `left` that have left the window, rows (B,) and terms (T,); see `estimation.records`. A row takes so many
-        iterations at most.
+        rows. Steps are (N, B), after `left` that have left the window, rows (B,) and terms (T,); see
+        `estimation.records`. A row takes so many iterations at most.
         """
         lost = 0
         for b in range(len(rows)):

@@ -15,6 +15,9 @@ class _Settings:
 
     far: float = 4.0
     """Standard deviations from which a contact contradicts the sketch."""
+    size: float = 1.2
+    """Standard deviations of the sketch by which the mean radius is off if it contradicts it: three of its own, as a
+    sketch is seldom off alike all around."""
     apart: float = 1.5
     """Standard deviations of each of two contacts by which these are farther apart than the stated size if they
     contradict it: less than for a sketch, as they have most of the error of their poses in common."""
@@ -75,6 +78,7 @@ def form_evidence(
             is_beyond_tolerance=False,
             has_directions=True,
             from_sketch=_beyond_sketch(contacts, given),
+            larger_than_sketch=_other_size(outline, given),
             shoved_share=_often_shoved(contacts),
         )
     return FormEvidence(
@@ -106,6 +110,13 @@ def _beyond_size(contacts: Contacts, given: Unknown) -> float:
     sure = (along - slack).max(axis=0) - (along + slack).min(axis=0)
     widest = int(np.argmax(sure))
     return float(np.ptp(along[:, widest])) if sure[widest] > given.size[1] else 0.0
+
+
+def _other_size(outline: Outline, given: Sketch) -> float:
+    """Return by how much the outline's mean radius is larger than the sketch's, as a share, if implausibly; else 0."""
+    radius = float(np.sqrt(np.mean(np.square(outline.points - outline.origin).sum(axis=1))))  # of a disc of its area
+    drawn = float(np.sqrt(given.shape.area / np.pi))
+    return radius / drawn - 1.0 if abs(radius - drawn) > _SETTINGS.size * given.sigma else 0.0
 
 
 def _beyond_sketch(contacts: Contacts, given: Sketch) -> float:

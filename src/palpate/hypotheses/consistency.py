@@ -182,6 +182,8 @@ class ConsistencyMonitor:
 
 def contradicting_distances(rows: Hypotheses) -> Array:
     """Return the possible error (B, 3) [m] of the pose: by measured poses, by their outline, and by variables."""
+    if not np.count_nonzero(rows.contradictions):
+        return np.zeros(rows.contradictions.shape[:2])
     count = (rows.contradictions > 0.0).sum(axis=2)
     return np.where(count >= _FRAMES_TO_CONTRADICT, rows.contradictions.max(axis=2), 0.0)
 

@@ -118,13 +118,7 @@ def posterior_of(
     """Return the posterior of hypotheses after a frame; `touching` is None between contacts."""
     in_contact = touching is not None
     known = rows.whole_belief.pose_covariance
-    covariances = known + monitor.set_up_covariance
-    contradictions = (0.0, 0.0, 0.0)
-    if np.count_nonzero(rows.contradictions):
-        covariances = covariances + monitor.contradiction_covariance(rows)
-        contradictions = contradicting_distances(rows)[0].tolist()
-    if not in_contact and np.count_nonzero(rows.displacement):
-        covariances = covariances + monitor.displacement_covariance(rows)
+    covariances = _with_doubts(known, rows, in_contact, monitor)
     covariance = covariances[0]
     ambiguity = None
     if len(rows) > 1:
@@ -132,8 +126,10 @@ def posterior_of(
         covariance = np.zeros((3, 3))
         _put_spread(rows.belief.pose, covariances, rows.weight, monitor.to_centroid, from_best, covariance)
         ambiguity = _ambiguity(from_best, rows, tolerance)
+    by_poses, by_outline, by_variables = contradicting_distances(rows)[0].tolist()
     x, y, yaw = monitor.deviations_of_centroid(covariance)
     position = max(x, y)
+    was_displaced = bool(rows.displacement[0] > 0.0)
     evidence = PoseEvidence(
         in_contact=in_contact,
         position_deviation=position,
@@ -141,10 +137,10 @@ def posterior_of(
         is_beyond_tolerance=2.0 * position > tolerance.length or 2.0 * yaw > tolerance.angle,
         ambiguity=ambiguity,
         has_begun_anew=circumstances.has_begun_anew,
-        contradicting_poses=contradictions[0],
-        contradicting_outline=contradictions[1],
-        implausible=Implausible(*monitor.least_plausible(rows)) if contradictions[2] > 0.0 else None,
-        is_displaced=_is_displaced(rows, known[0], in_contact, monitor, tolerance),
+        contradicting_poses=by_poses,
+        contradicting_outline=by_outline,
+        implausible=Implausible(*monitor.least_plausible(rows)) if by_variables > 0.0 else None,
+        is_displaced=was_displaced and not _is_found_again(known[0], in_contact, monitor, tolerance),
         takes_images_as_mirrored=circumstances.takes_images_as_mirrored,
         may_images_be_mirrored=rows.has_mirrors,
         are_of_hand=circumstances.are_of_hand,
@@ -154,18 +150,21 @@ def posterior_of(
     return Posterior(rows, covariances, covariance, evidence, touching)
 
 
-def _is_displaced(
-    rows: Hypotheses, covariance: Array, in_contact: bool, monitor: ConsistencyMonitor, tolerance: Tolerance
-) -> bool:
-    """Return True if the object of the best hypothesis was moved, and no contact has found it again so far.
+def _with_doubts(known: Array, rows: Hypotheses, in_contact: bool, monitor: ConsistencyMonitor) -> Array:
+    """Return the covariances (B, 3, 3) of poses as users see them: with the set-up, and with what contradicts them."""
+    covariances = known + monitor.set_up_covariance
+    if np.count_nonzero(rows.contradictions):
+        covariances = covariances + monitor.contradiction_covariance(rows)
+    if not in_contact and np.count_nonzero(rows.displacement):
+        covariances = covariances + monitor.displacement_covariance(rows)
+    return covariances
 
-    `covariance` (3, 3) is that of its pose.
-    """
-    if rows.displacement[0] == 0.0:
-        return False
+
+def _is_found_again(covariance: Array, in_contact: bool, monitor: ConsistencyMonitor, tolerance: Tolerance) -> bool:
+    """Return True if a contact has found an object that was displaced; `covariance` (3, 3) is that of its pose."""
     deviations = monitor.deviations_of_centroid(covariance)
-    is_lost = [deviation > found for deviation, found in zip(deviations, _FOUND_SIGMA, strict=True)]
-    return not in_contact or any(is_lost if math.isfinite(tolerance.angle) else is_lost[:2])
+    is_known = [deviation <= found for deviation, found in zip(deviations, _FOUND_SIGMA, strict=True)]
+    return in_contact and all(is_known if math.isfinite(tolerance.angle) else is_known[:2])
 
 
 @compiled(np.zeros((1, 3)), np.zeros((1, 3, 3)), np.zeros(1), np.zeros((3, 3)), np.zeros((1, 3)), np.zeros((3, 3)))

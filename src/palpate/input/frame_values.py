@@ -44,12 +44,12 @@ def with_checked_values(frame: Any, measurements: Any, tips: int) -> Frame:
         raise FrameError(f"frame has time {frame.time!r}; it must be a finite number [s]")
     when = f"frame at {time:.3f} s"
     sensor_pose = planar(when, frame.sensor_pose)
-    # NaN where a camera loses the object.
-    object_pose = None if frame.object_pose is None else planar(when, frame.object_pose)
-    _check_contact(when, frame)
     if sensor_pose is None or max(map(abs, sensor_pose.tolist())) > FARTHEST:
         allowed = f"three finite numbers x [m], y [m], theta [rad], up to {FARTHEST:g}"
         raise FrameError(f"{when} has sensor pose {frame.sensor_pose}; it must be {allowed}")
+    # NaN where a camera loses the object, which is no pose.
+    object_pose = None if frame.object_pose is None else planar(when, frame.object_pose)
+    _check_contact(when, frame)
     check_image(when, frame.image)
     own = checked_measurements(time, frame.measurements, tips)
     added = checked_measurements(time, measurements, tips)
@@ -74,17 +74,22 @@ def checked_measurements(time: float, measurements: Any, tips: int) -> tuple[Mea
         found = type(measurements).__name__
         raise FrameError(f"{when} has measurements of type {found}; they must be a list of measurements") from None
     for measurement in several:
-        kind = type(measurement).__name__
-        if not isinstance(measurement, Measurement):
-            raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's, as ObjectPose")
-        if tips > 1 and isinstance(measurement, TouchMeasurement):
-            raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
+        _check_measurement(when, measurement, tips)
+    return several
+
+
+def _check_measurement(when: str, measurement: Any, tips: int) -> None:
+    """Raise FrameError unless a measurement is one of palpate, or the user's own, that fits a sensor's tips."""
+    kind = type(measurement).__name__
+    if not isinstance(measurement, Measurement):
+        raise FrameError(f"{when} has a measurement of type {kind}; allowed are palpate's, as ObjectPose")
+    if tips > 1 and isinstance(measurement, TouchMeasurement):
+        raise FrameError(f"{when} has a measurement {kind}, which is of one tip, and the sensor has {tips}")
+    if isinstance(measurement, OwnMeasurement):
         try:
-            if isinstance(measurement, OwnMeasurement):
-                check_own(measurement)
+            check_own(measurement)
         except PalpateError as error:
             raise FrameError(f"{when}: {error}") from error
-    return several
 
 
 def _check_contact(when: str, frame: Frame) -> None:

@@ -97,11 +97,15 @@ class PoseMonitor:
         self._implausible_time = time
         is_confirmed = before is not None and 0.0 < time - before <= _LIMITS.longest_gap
         if gap > _LIMITS.longest_gap and not is_confirmed:
-            unit = other_time_unit(gap, self._rate)
-            raise FrameError(
-                f"frame at {time:.3f} s comes {gap:.3g} s after the last one, more than {_LIMITS.longest_gap:g} s; the "
-                f"next that follows it is taken{unit and '; '}{unit}"
-            )
+            raise FrameError(self._gap_words(time, gap))
+
+    def _gap_words(self, time: float, gap: float) -> str:
+        """Return a sentence on a frame at a time that comes so long after the last one [s]."""
+        unit = other_time_unit(gap, self._rate)
+        return (
+            f"frame at {time:.3f} s comes {gap:.3g} s after the last one, more than {_LIMITS.longest_gap:g} s; the "
+            f"next that follows it is taken{unit and '; '}{unit}"
+        )
 
     def check_pose(
         self, time: float, measured: Array, in_contact: bool, touch: TouchChanges, closed: float = 0.0
@@ -144,15 +148,21 @@ class PoseMonitor:
     @property
     def weakness(self) -> str:
         """Sentence on a rate that makes the estimate worse; empty if it does not."""
+        if len(self._intervals) < _LIMITS.recent_frames:
+            return ""
         without_longest = sorted(self._intervals)[:-1]  # a single gap does not count
-        usual = sum(without_longest) / (_LIMITS.recent_frames - 1)
-        if len(self._intervals) == _LIMITS.recent_frames and usual * self._rate >= _LIMITS.slow_stream:
-            advice = other_time_unit(usual, self._rate) or "the pose is known less well"
-            return f"frames come {1.0 / usual:.2g} times a second and not {self._rate:g} times; {advice}"
-        if len(self._intervals) == _LIMITS.recent_frames and 0.0 < usual * self._rate <= _LIMITS.fast_stream:
-            found = f"frames come {1.0 / usual:.3g} times a second and not {self._rate:g} times"
-            return f"{found}: the estimate is too sure; keep one in {round(1.0 / (usual * self._rate))}"
-        return ""
+        usual = sum(without_longest) / len(without_longest)
+        ratio = usual * self._rate  # to the nominal interval
+        return "" if ratio == 0.0 or _LIMITS.fast_stream < ratio < _LIMITS.slow_stream else self._rate_words(usual)
+
+    def _rate_words(self, interval: float) -> str:
+        """Return a sentence on a stream whose frames come at another interval [s] than the sensor's."""
+        ratio = interval * self._rate
+        if ratio >= 1.0:
+            advice = other_time_unit(interval, self._rate) or "the pose is known less well"
+            return f"frames come {1.0 / interval:.2g} times a second and not {self._rate:g} times; {advice}"
+        found = f"frames come {1.0 / interval:.3g} times a second and not {self._rate:g} times"
+        return f"{found}: the estimate is too sure; keep one in {round(1.0 / ratio)}"
 
     def _follow(self, now: _Sample, repeats: bool, goes_on: bool, is_elsewhere: bool, forward: float) -> None:
         """Take a plausible pose into the motion of this contact, or begin another motion with it.

@@ -8,6 +8,7 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from random import Random
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,8 @@ class FrameTurnMonitor:
         """Take the outline, the sensor, and the object's first pose (3,) with its covariance (3, 3)."""
         self._shape = shape
         self._sensor = sensor
-        draws = np.random.default_rng(0).standard_normal((_LIMITS.samples, 3))
+        gauss = Random(0).gauss  # without `np.random`, which takes 3 MB
+        draws = np.array([[gauss() for _ in range(3)] for _ in range(_LIMITS.samples)])
         squares, axes = np.linalg.eigh(covariance)
         self._objects = se2.compose(pose, draws * np.sqrt(np.maximum(squares, 0.0)) @ axes.T)
         self._touches: list[_Touch] = []

@@ -35,7 +35,10 @@ def load_recording(path: Path | str, orientation: str = "") -> Recording:
     path = existing_bag(path)
     name = detect_format(path)
     if name is None:
-        raise FileError(f"{path}: is in no known format; known are palpate's, ROS bags, and MIT's and CMU's pushes")
+        raise FileError(
+            f"{path}: is in no known format; known are palpate's, ROS bags, MIT's and CMU's pushes, and folders of "
+            "LeRobot or of images with --poses TABLE; arrays are for palpate.Recording.from_arrays"
+        )
     _, read = FORMATS[name]
     if read is None:
         raise FileError(f"{path}: is a bag without an outline of the object: give --shape, in Python palpate.read_bag")

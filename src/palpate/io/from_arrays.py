@@ -305,11 +305,7 @@ def _check_known(name: str, time: Times, is_known: Flags) -> None:
 
 def _warn_if_upside_down(name: str, plane: Plane, sensor: Placed) -> None:
     if space.upside_down(plane, sensor).all():
-        logger.warning(
-            "%s: the sensor's z axis points against the plane's normal: if its images are not upside down with it, "
-            "turn its frame, by sensor_T_gel (--sensor-T-gel 0 0 0 1 0 0 0), unless the quaternions have w first",
-            name,
-        )
+        logger.warning("%s: %s", name, space.UPSIDE_DOWN)
 
 
 def _positions_in_contact(frames: SpatialFrames, image: Sequence[bytes] | None, sensor: SensorProfile) -> Array:

@@ -16,7 +16,8 @@ from palpate.arrays import Array
 from palpate.checks import METRES
 from palpate.errors import FileError, SettingError, ShapeError
 from palpate.files import column_name, existing_file, in_file, numbers_of, read_json, read_text, table_rows
-from palpate.geometry.shapes import SHAPES, Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
+from palpate.geometry.named_shapes import SHAPES
+from palpate.geometry.shapes import Polygon, Rectangle, Shape, scaled, shape_from_dict, wrong_width
 from palpate.hints import install_command
 from palpate.io.contours import outline_in, size_words
 from palpate.io.outline_dxf import read_dxf

@@ -44,6 +44,9 @@ _OTHER = re.compile(
     r"(?:.*_)?(?:vel|velocity|twist|linear|angular|acc|force|torque|wrench|cov|covariance|goal|target)_.*"
 )
 _COUNT = re.compile(r"(?:.*_)?(?:frame|index|idx|seq|id|number|count|step|row)")
+_FLAG = re.compile(r"(?:.*_)?(?:valid|tracked|visible|(lost|occluded|missing))")
+_FLAGS = {"1": True, "true": True, "0": False, "false": False}
+"""Cells of columns that say whether a pose was seen, in lower case."""
 _UNIT_WORDS = ("", *_TIME_WORDS, *METRES, "rad", "deg", "degrees")
 """Units of columns; "" for none."""
 _NUMBERED = re.compile(r"(.*?)_?(\d\d?)")
@@ -94,7 +97,7 @@ def read_cells(path: Path) -> Table:
         raise FileError(f"{path}: found {width} columns below the {len(header)} names {', '.join(header)[:200]}")
     names = [_with_short_unit(column_name(cell)) for cell in header] if len(header) == width else []  # else a remark
     table = Table(path, names, [line for line, _ in rows], [row[:width] for _, row in rows])
-    return _with_whole_stamps(with_numbers_for_clocks(table, _is_time))
+    return _with_whole_stamps(with_numbers_for_clocks(table, names_time))
 
 
 def _check_width(path: Path, rows: list[tuple[int, list[str]]]) -> None:
@@ -118,7 +121,8 @@ def _with_short_unit(name: str) -> str:
     return re.sub(rf"_in_(?=({'|'.join(filter(None, _UNIT_WORDS))})$)", "_", name)
 
 
-def _is_time(name: str) -> bool:
+def names_time(name: str) -> bool:
+    """Return true for the name of a column of times, as `column_name` writes it."""
     return _TIME.fullmatch(name) is not None
 
 
@@ -202,6 +206,7 @@ def read_pose_table(path: Path, choices: TableChoices) -> PoseTable:
         time, unit = _time_column(table)
         found = _named(table) if table.names else _unnamed(table, time, choices)
         poses = _in_metres(found.numbers, choices.poses_unit or found.unit)
+        poses[~_seen(table)] = np.nan
         if time is None:
             return PoseTable(None, poses, f"{found.layout}, no times", found.is_order_known)
         stamps, unit = _times(table, time, choices.time_unit or unit)
@@ -266,6 +271,26 @@ def _named(table: Table) -> _Found:
         return _Found(poses, "x, y, theta by names", _unit_of(table, places, "xy"))
     allowed = "x, y, z, qx, qy, qz, qw; x, y, theta; or 16 numbered columns, such as O_T_EE[0] to O_T_EE[15]"
     raise FileError(f"found the columns {table.columns}; expected one time and {allowed}, each once")
+
+
+def _seen(table: Table) -> Flags:
+    """Return flags of rows (N,) without those that a column flags as lost, such as of motion capture; a warning tells.
+
+    Programs repeat the last pose in these, or write zeros.
+    """
+    seen = np.ones(len(table.cells), np.bool_)
+    for index in _matching(table, _FLAG):
+        name = table.names[index]
+        words = [word.lower() for word in table.column(index)]
+        match = _FLAG.fullmatch(name)
+        if match is None or not set(words) <= set(_FLAGS):
+            continue
+        is_good = np.array([_FLAGS[word] for word in words]) != bool(match[1])
+        if not is_good.all():
+            count = np.count_nonzero(~is_good)
+            logger.warning("%s: %d of %d poses are unknown by column %s", table.path, count, len(words), name)
+        seen &= is_good
+    return seen
 
 
 def _check_radians(angles: Array) -> None:

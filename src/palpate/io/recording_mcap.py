@@ -241,7 +241,7 @@ def _frames(path: Path) -> tuple[dict[str, list[bytes]], int]:
                 there = images.setdefault(topic, [])
                 if topic != IMAGES:
                     there += [b""] * (count - len(there))
-                there.append(decoded(raw).data.tobytes())
+                there.append(decoded(raw, is_own=True).data.tobytes())
             if topic == SENSOR_POSES:
                 count += 1
     except CutShort as error:

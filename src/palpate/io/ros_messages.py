@@ -296,3 +296,13 @@ def ros_types(encoding: str) -> Any:
     for name in _ROS_TRANSFORM_TYPES:
         store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
     return store
+
+
+@cache
+def types_by_definition(type_: str, definition: bytes) -> Any:
+    """Return a type of ROS 2 and those that it is made of, by its definition in an MCAP, as objects of `rosbags`."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition.decode(), type_))
+    return store

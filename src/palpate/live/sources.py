@@ -5,6 +5,7 @@ for the user. It ends when the event is set.
 """
 
 import json
+import logging
 import math
 import socket
 import threading
@@ -22,11 +23,15 @@ import numpy as np
 
 from palpate.arrays import Array, Image
 from palpate.errors import FileError, FrameError, SettingError
+from palpate.files import column_name
 from palpate.geometry import se2
+from palpate.io.pose_tables import names_time
 from palpate.io.recording import Recording
 from palpate.types.hand import Hand
 from palpate.types.sensor import SensorProfile
-from palpate.types.space import GelPoses
+from palpate.types.space import UPSIDE_DOWN, GelPoses
+
+logger = logging.getLogger(__name__)
 
 Clock = Callable[[], float]
 """Returns the time [s]."""
@@ -221,6 +226,9 @@ def _pose_in(packet: bytes, now: float, gel_poses: GelPoses) -> TimedPose | Fram
     """Return the pose in a packet, or the reason to refuse it."""
     try:
         content = json.loads(packet)
+        times = [name for name, _ in content.items() if names_time(column_name(name))]
+        if times and "time" not in times:
+            return FrameError(f"its time is named {times[0][:60]!a}; allowed is 'time', in seconds since 1970")
         return checked_pose(content.get("time", now), content["pose"], now, gel_poses)
     except (ValueError, RecursionError, AttributeError, KeyError):
         return FrameError(f"{packet[:60]!a} is not JSON of the form {{'time': s, 'pose': [x, y, theta]}}")
@@ -232,7 +240,10 @@ def checked_pose(
     """Return the gel's pose at a time [s] from the pose of the part that carries it, or the reason to refuse it."""
     try:
         when = float(time)
+        is_first = gel_poses.plane is None
         pose = gel_poses(numbers, frame)
+        if is_first and gel_poses.is_upside_down:
+            logger.warning("sensor poses: %s", UPSIDE_DOWN)
     except FileError as error:
         return FrameError(str(error))
     except (TypeError, ValueError, OverflowError):

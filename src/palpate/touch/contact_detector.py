@@ -22,7 +22,7 @@ from palpate.touch.cells import (
     wide_cells_of,
 )
 from palpate.touch.markers import Markers, find_markers, without_markers
-from palpate.touch.marks import new_marks, with_marks
+from palpate.touch.marks import new_marks, put_marks
 from palpate.types.images import AS_IT_IS, decode_image, scaled
 from palpate.types.sensor import SensorProfile
 
@@ -108,7 +108,7 @@ class ContactDetector:
             image = scaled(image, self._size)
         if self.background is None and not self._steady.seen and self._seek_markers:
             self.markers = find_markers(image)
-        return without_markers(image, self.markers)
+        return image if self.markers is None else without_markers(image, self.markers)
 
     def update(self, image: Image) -> bool:
         """Return true if the gel is touched in an image (height, width, 3) from `read`.
@@ -167,8 +167,12 @@ class ContactDetector:
         self._use(replace(gel, mean=without_markers(gel.mean, self.markers)))
 
     def _use(self, background: Background) -> None:
-        """Set the background, as a copy that is followed in place, and what images are compared with."""
-        self.background = background.copy()
+        """Set the background, as a copy that is changed in place, and what images are compared with."""
+        self._compare_with(background.copy())
+
+    def _compare_with(self, background: Background) -> None:
+        """Compare images with a background from now on, which is another object than the last one."""
+        self.background = background
         self._untouched_cells = cells_of(background.mean)
         self._wide_cells: Levels | None = None  # made when they are first needed
         self._shares_last_filtered: tuple[float, float] | None = None
@@ -193,7 +197,8 @@ class ContactDetector:
             return False
         marks = new_marks(image, last)
         if marks is not None:
-            self._use(replace(self.background, mean=with_marks(self.background.mean, marks, image, last)))
+            put_marks(self.background.mean, marks, image, last)
+            self._compare_with(replace(self.background))
         np.copyto(last, image)
         return marks is not None
 

@@ -82,6 +82,10 @@ def _part_around(changed: Flags) -> tuple[slice, slice]:
 def _marks_in(image: Image, before: Image, jumped: Flags, changed: Flags, size: tuple[int, int]) -> Flags | None:
     """Return the pixels of marks in the changed part of an image of this size [px]; None as `new_marks` does."""
     cell = cell_width(*size)
+    width = round(_MARK.thin * cell)
+    most = _MARK.most_moved * size[0] * size[1]
+    if np.count_nonzero(changed) > most and np.count_nonzero(opened(changed, width)) > most:
+        return None  # before the search for spots, as a contact that begins has enough else to do
     spots = spots_of(changed)
     count = len(spots.area)
     jumps_of = np.bincount(spots.spot_of[jumped], minlength=count)
@@ -89,10 +93,7 @@ def _marks_in(image: Image, before: Image, jumped: Flags, changed: Flags, size: 
     are_sharp[0] = False  # all that has not changed
     if not are_sharp.any():
         return None
-    width = round(_MARK.thin * cell)
     wide = opened(changed, width)
-    if np.count_nonzero(wide) > _MARK.most_moved * size[0] * size[1]:
-        return None
     are_small = np.asarray((spots.extent <= _MARK.small * cell).all(axis=1))
     marks = np.zeros_like(changed)
     for spot in np.flatnonzero(are_sharp):
@@ -106,14 +107,12 @@ def _marks_in(image: Image, before: Image, jumped: Flags, changed: Flags, size: 
     return largest_near(marks, 3) if marks.any() else None
 
 
-def with_marks(mean: Levels, marks: Flags, image: Image, before: Image) -> Levels:
-    """Return the untouched gel (height, width, 3) with marks as they appear from one image to the next."""
-    marked = mean.copy()
-    pixels = marked.reshape(-1, 3)
+def put_marks(mean: Levels, marks: Flags, image: Image, before: Image) -> None:
+    """Add marks as they appear from one image to the next to the mean (height, width, 3) of the untouched gel."""
+    pixels = mean.reshape(-1, 3)
     places = np.flatnonzero(marks)
     change = image.reshape(-1, 3)[places].astype(np.float32) - before.reshape(-1, 3)[places]
     pixels[places] = np.clip(pixels[places] + change, 0.0, 255.0)
-    return marked
 
 
 def _lines(image: Image) -> Image:

@@ -211,6 +211,8 @@ class GelPoses:
             raise SettingError("plane is fit, which needs all poses; allowed is its normal, as poses come one by one")
         self.plane: Plane | None = None
         """The plane; None before the first pose in space."""
+        self.is_upside_down = False
+        """True if the z axis of the latest gel points against the plane's normal."""
 
     def __call__(self, pose: ArrayLike, frame: str = "world") -> Array:
         """Return the gel's pose in the plane (3,) [m, m, rad].
@@ -225,7 +227,7 @@ class GelPoses:
         if frame != self.plane.frame:
             raise FileError(f"pose: it is given in frame {frame!r}, the first was in {self.plane.frame!r}")
         planar_pose = in_plane(self.plane, gel, self._placement.off_plane)[0]
-        upside_down(self.plane, gel)  # raises if the gel is far from upright
+        self.is_upside_down = bool(upside_down(self.plane, gel)[0])
         return planar_pose
 
 
@@ -447,6 +449,13 @@ def _check_tilt(name: str, angle: Array, time: Times | None) -> None:
         )
     if time is not None and abs(angle[steepest]) > 2.0:
         logger.warning("%s is tilted out of the plane by up to %.1f degrees", name, abs(angle[steepest]))
+
+
+UPSIDE_DOWN = (
+    "the sensor's z axis points against the plane's normal: if its images are not upside down with it, turn its frame, "
+    "by sensor_T_gel (--sensor-T-gel 0 0 0 1 0 0 0), unless the quaternions have w first"
+)
+"""A warning for poses all of which `upside_down` flags."""
 
 
 def upside_down(plane: Plane, placed: Placed) -> Flags:

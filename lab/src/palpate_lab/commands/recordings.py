@@ -49,7 +49,7 @@ class Pushes:
 
     def simulations(self, seed: int, unit: int | None) -> dict[str, Any]:
         """Return the simulations by file name. Raises SettingError."""
-        from palpate.geometry.shapes import SHAPES
+        from palpate.geometry.named_shapes import SHAPES
         from palpate.types.sensor_file import known_sensor
         from palpate_lab.simulate.hand_recordings import HandSimulation
         from palpate_lab.simulate.recordings import Simulation, plan

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.geometry import se2
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate.io import load_recording
 from palpate_lab.paper.graph import FRICTION_RADIUS
 from palpate_lab.paper.images import episode_numbers

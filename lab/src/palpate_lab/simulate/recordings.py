@@ -12,7 +12,8 @@ import numpy as np
 
 from palpate.errors import FileError, PalpateError, SettingError
 from palpate.geometry import se2
-from palpate.geometry.shapes import SHAPES, Shape, shape_to_dict
+from palpate.geometry.named_shapes import SHAPES
+from palpate.geometry.shapes import Shape, shape_to_dict
 from palpate.io.recording import Recording
 from palpate.io.recording_mcap import METADATA, write_recording
 from palpate.io.rosbag_reader import CutShort, front_matter, mcap_messages

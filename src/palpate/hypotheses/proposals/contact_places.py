@@ -3,7 +3,7 @@
 The graph of a contact finds the best pose near the one it begins with, so each place needs its own hypothesis.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,15 +12,17 @@ from numpy.typing import ArrayLike
 from palpate.arrays import Array, Complex, Flags, Integers
 from palpate.config import UNLIKELY
 from palpate.geometry import se2
+from palpate.hypotheses.bank import Hypotheses, origins
 from palpate.hypotheses.outline_places import WIDEST_NORMAL_STEP, is_round, outline_places
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.contact_geometry import ContactModel
 from palpate.models.pushing.measurements import Step
 from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
+from palpate.types.estimate import Origin
 
 MOST_PLACES = 20
 """Hypotheses with which a contact begins at most: all faces of an outline, each at several places."""
-LOG_ODDS_OF_STAYING = 3.0
+_LOG_ODDS_OF_STAYING = 3.0
 """Log of the odds that an object with a rough pose lies where it was left, and not at another place."""
 _ROUGH_SIGMA = 0.006, 0.006, 0.15
 """[m, m, rad] standard deviations of a pose beyond which it leaves several places of contact."""
@@ -76,11 +78,27 @@ def is_contradicted(belief: Belief, touch_sign: Array, model: ContactModel, step
     if not directions or is_round(model):
         return np.zeros(len(touch_sign), np.bool_)
     angle, variance = directions[0]
-    sensor_in_object = se2.between(belief.pose, step.sensor_pose)
-    normal = model.touching(sensor_in_object[:, None])["normal"][:, 0]
-    expected = np.angle(-normal * np.exp(-1j * sensor_in_object[:, 2]))
+    expected = model.directions(se2.between(belief.pose, step.sensor_pose))
     deviation = np.sqrt(variance + belief.pose_covariance[:, 2, 2])
     return np.abs(se2.wrap(angle - expected)) > UNLIKELY * deviation
+
+
+def hypotheses_at(
+    rows: Hypotheses, places: BeliefsAtPlaces, origin: Origin, disturbed_steps_left: Integers
+) -> Hypotheses:
+    """Return hypotheses at places, of this origin; they are copies of those that they come from, `rows`.
+
+    Something else may still move the object of each for so many steps (N,).
+    """
+    parents = rows.take(places.parent)
+    return replace(
+        parents,
+        belief=places.belief,
+        log_prior=parents.log_prior + places.log_likelihood - _LOG_ODDS_OF_STAYING,
+        weight=np.ones(len(parents)),
+        disturbed_steps_left=disturbed_steps_left,
+        origin=origins(len(parents), origin),
+    )
 
 
 def choose_beliefs(condition: Flags, chosen: Belief, other: Belief) -> Belief:
@@ -113,7 +131,8 @@ def beliefs_at_places(
     joint = in_world + np.where(guess[:, None, None], 0.0, place_covariance)
     # Likely places: those within some deviations of the belief.
     near = np.flatnonzero(np.square(off[:, 2]) < UNLIKELY**2 * joint[:, 2, 2])  # by yaw, no more than by all three
-    information = np.linalg.pinv(joint[near], hermitian=True)  # a guess may be singular after a long doubt
+    may_be_singular = guess[near].any()  # a guess, after a long doubt; its inverse takes seven times as long
+    information = np.linalg.pinv(joint[near], hermitian=True) if may_be_singular else np.linalg.inv(joint[near])
     squared_distance = np.einsum("ni,nij,nj->n", off[near], information, off[near])  # [variances]
     is_near = squared_distance < UNLIKELY**2
     near = near[is_near]

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.hypotheses.bank import Hypotheses, origins
+from palpate.hypotheses.bank import Hypotheses
 from palpate.hypotheses.proposals.contact_places import (
-    LOG_ODDS_OF_STAYING,
     MOST_PLACES,
-    BeliefsAtPlaces,
     choose_beliefs,
+    hypotheses_at,
 )
 from palpate.hypotheses.proposals.hand_places import leaves_several_places, places_of_contact
 from palpate.hypotheses.proposals.shove import STEPS_AFTER_ALARM
@@ -40,23 +39,12 @@ def propose_first_contact(
         belief=choose_beliefs(has_places, rest, displaced),
         weight=np.where(has_places, 1.0, rows.weight),
     )
-    added = _at_places(rows, places)
+    # Something else may still move an object that was displaced.
+    disturbed_steps_left = np.where(rows.displacement[places.parent] > 0.0, STEPS_AFTER_ALARM + 1, 0)
+    added = hypotheses_at(rows, places, "first contact", disturbed_steps_left)
     is_mirror = np.concatenate([rows.is_mirror_of_best, rows.is_mirror_of_best[places.parent]])
     proposed = kept.joined(added)
     likeliest = np.argsort(-proposed.log_prior, kind="stable")
     best = likeliest[~is_mirror[likeliest]][:MOST_PLACES]
     mirrors = likeliest[is_mirror[likeliest]][:MOST_PLACES]
     return proposed.take(np.concatenate([best, mirrors]))
-
-
-def _at_places(rows: Hypotheses, places: BeliefsAtPlaces) -> Hypotheses:
-    """Return the hypotheses at places; something else may still move an object that was displaced."""
-    parents = rows.take(places.parent)
-    return replace(
-        parents,
-        belief=places.belief,
-        log_prior=parents.log_prior + places.log_likelihood - LOG_ODDS_OF_STAYING,
-        weight=np.ones(len(parents)),
-        disturbed_steps_left=np.where(parents.displacement > 0.0, STEPS_AFTER_ALARM + 1, 0),
-        origin=origins(len(parents), "first contact"),
-    )

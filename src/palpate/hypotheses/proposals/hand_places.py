@@ -158,9 +158,7 @@ def _residual(belief: Belief, pose: Array, other: _Other) -> tuple[Array, list[f
     if not directions or other.model.radius == 0.0:
         return gap, [_FIT.gap_sigma]
     angle, variance = directions[0]
-    g = se2.between(pose, other.step.sensor_pose)
-    normal = other.model.touching(g[:, None])["normal"][:, 0]
-    off = se2.wrap(np.angle(-normal * np.exp(-1j * g[:, 2])) - angle)
+    off = se2.wrap(other.model.directions(se2.between(pose, other.step.sensor_pose)) - angle)
     sigma = max(float(np.sqrt(variance)), _FIT.least_direction_sigma)
     return np.column_stack([gap[:, 0], off]), [_FIT.gap_sigma, sigma]
 

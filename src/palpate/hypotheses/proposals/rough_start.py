@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.arrays import Array
-from palpate.hypotheses.bank import Hypotheses, origins
+from palpate.hypotheses.bank import Hypotheses
 from palpate.hypotheses.proposals.contact_places import (
-    LOG_ODDS_OF_STAYING,
     BeliefsAtPlaces,
     choose_beliefs,
+    hypotheses_at,
     is_rough,
     most_of_rough_start,
 )
@@ -47,7 +47,10 @@ def propose_rough_start(
     )
     has_places = np.bincount(places.parent, minlength=len(rows)) > 0
     is_hopeless = is_rough(displaced, model, _HOPELESS_SIGMA) & has_places & (rows.displacement <= 0.0)
-    proposed = kept.take(~is_hopeless).joined(_at_places(rows, places))
+    # Something else may still move the object, as it is not found yet.
+    disturbed_steps_left = np.full(len(places.parent), STEPS_AFTER_ALARM + 1)
+    added = hypotheses_at(rows, places, "rough start", disturbed_steps_left)
+    proposed = kept.take(~is_hopeless).joined(added)
     proposed = proposed.take(np.argsort(-proposed.log_prior, kind="stable"))
     is_mirror = proposed.touch_sign != rows.touch_sign[0]
     most = most_of_rough_start(model)
@@ -61,17 +64,3 @@ def _log_evidence(places: BeliefsAtPlaces, count: int) -> Array:
     evidence = np.full(count, np.log(POOR_WEIGHT))  # even where no place is likely
     np.logaddexp.at(evidence, places.parent, places.log_likelihood)
     return evidence
-
-
-def _at_places(rows: Hypotheses, places: BeliefsAtPlaces) -> Hypotheses:
-    """Return the hypotheses at places; something else may still move the object, as it is not found yet."""
-    parents = rows.take(places.parent)
-    count = len(parents)
-    return replace(
-        parents,
-        belief=places.belief,
-        log_prior=parents.log_prior + places.log_likelihood - LOG_ODDS_OF_STAYING,
-        weight=np.ones(count),
-        disturbed_steps_left=np.full(count, STEPS_AFTER_ALARM + 1),
-        origin=origins(count, "rough start"),
-    )

@@ -6,6 +6,7 @@ import numpy as np
 
 from palpate.arrays import Array, Records
 from palpate.compiled import compiled
+from palpate.estimation.records import POSE
 from palpate.estimation.rows import RowArrays
 from palpate.estimation.variable import Variable
 from palpate.manifolds.se2_kernels import position, rotation
@@ -17,7 +18,6 @@ from palpate.models.pushing.variables import DEPTH, OUTLINE_SCALE
 
 _IN_OBJECT = MODEL.in_object
 _SCALE = _IN_OBJECT[OUTLINE_SCALE].start
-_TANGENT = 3  # numbers of a pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +65,9 @@ class Belief(RowArrays):
         """
         changes = prior.change_between_contacts
         keeps = np.sqrt(1.0 - changes / np.square(prior.deviation))
-        left = np.concatenate([np.ones(_TANGENT), keeps])
+        left = np.concatenate([np.ones(POSE), keeps])
         joint = self.covariance * np.outer(left, left)
-        joint[:, _TANGENT:, _TANGENT:] += np.diag(changes)
+        joint[:, POSE:, POSE:] += np.diag(changes)
         return Belief(self.pose, prior.mean + keeps * (self.values - prior.mean), joint)
 
 
@@ -87,7 +87,7 @@ def clearances(belief: Belief, model: ContactModel, sensor_poses: Array) -> tupl
     shape = (len(belief), poses.shape[1])
     near = np.empty(shape, CONTACT_GEOMETRY)
     gap = np.empty(shape)
-    derivative = np.zeros((*shape, _TANGENT + belief.values.shape[1]))
+    derivative = np.zeros((*shape, POSE + belief.values.shape[1]))
     depth = place_of(DEPTH, model.finger).start
     _put_clearances(
         belief.pose, belief.values, poses, depth, model.friction_center, model.surface, near, gap, derivative
@@ -133,11 +133,12 @@ def _put_clearances(
             extent = (normal.conjugate() * (touch.point - center)).real
             extent -= touch.gap * (normal.real**2 + normal.imag**2)
             gap[b, p] = touch.gap + values[b, depth] - values[b, _SCALE] * extent
-            # A wrench on the sensor, moved to the object's origin: moving the object is moving the sensor backwards.
+            # To move the object is to move the sensor backwards. So the derivative is that by the sensor's pose, moved
+            # to the object's origin as a force and a torque would be.
             force = turn * complex(touch.gap_by_g[0], touch.gap_by_g[1])
             out = derivative[b, p]
             out[0] = -force.real
             out[1] = -force.imag
             out[2] = -touch.gap_by_g[2] - (place.conjugate() * force).imag
-            out[_TANGENT + depth] = 1.0
-            out[_TANGENT + _SCALE] = -extent
+            out[POSE + depth] = 1.0
+            out[POSE + _SCALE] = -extent

@@ -30,6 +30,7 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
     `name` tells models apart where compiled code is kept.
     """
     is_hand = model.fingers > 0
+    put_force = hand_step.make_put_hand_force(model) if is_hand else force.make_put_force(model)
     functions = functions_of(
         model,
         move_step=code.move_step,
@@ -38,8 +39,8 @@ def compiled_model(model: Model, code: ModuleType, name: str) -> CompiledModel:
         linearise_step=code.linearise_step,
         linearise_measured=code.linearise_measured,
         prepare_step=hand_step.prepare_hand_step if is_hand else step.prepare_step,
-        prepare_process=hand_step.make_put_hand_force(model) if is_hand else force.make_put_force(model),
-        prepare_last=hand_step.make_put_last_hand_force(model) if is_hand else force.make_put_last_force(model),
+        prepare_process=put_force,
+        prepare_last=force.make_put_last_force(put_force),
         put_object_pose=step.put_object_pose,
         put_object_derivative=step.put_object_derivative,
     )

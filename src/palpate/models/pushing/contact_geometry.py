@@ -131,6 +131,11 @@ class ContactModel:
         _touching(np.ascontiguousarray(g), self.surface, out)
         return out
 
+    def directions(self, g: Array) -> Array:
+        """Return the contact directions (N,) [rad] at sensor poses g (N, 3) in the object frame, without any bias."""
+        normal = self.touching(g[:, None])["normal"][:, 0]
+        return np.angle(-normal * np.exp(-1j * g[:, 2]))
+
     def moved_along(self, g: Array, lengths: Array) -> Array:
         """Return poses g (N, 3) moved along the outline by lengths (N,) [m], counter-clockwise, at constant yaw.
 

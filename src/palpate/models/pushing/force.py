@@ -37,46 +37,25 @@ def make_motion(model: Model) -> Any:
     return motion
 
 
-def make_force_angle(model: Model) -> Any:
-    """Return the compiled function of a model of pushing that gives the angle of the pushing force."""
-    motion = make_motion(model)
-
-    @kernel
-    def force_angle(steps: Records, k: int, row: Records, settings: Records) -> float:
-        """Return the angle of the pushing force at step k, from the outline's inward normal, counter-clockwise [rad].
-
-        On the limit surface the force points along the motion of the centre of friction. NaN at the first step.
-        """
-        if k == 0:
-            return math.nan
-        now = steps[k]
-        moved = motion(steps, k, row, settings)
-        inward = -now.touch.normal * now.turn_e * now.turn_g.conjugate()
-        along = moved * inward.conjugate()
-        return math.atan2(along.imag, along.real)
-
-    return force_angle
-
-
 def make_put_force(model: Model) -> Any:
     """Return the compiled function of a model that writes the angle of the force at a step, and how much it slides."""
-    force_angle = make_force_angle(model)
+    motion = make_motion(model)
     grip_at = model.in_shared[GRIP].start
 
     @kernel
     def put_force(steps: Records, k: int, row: Records, settings: Records) -> None:
-        """Write the angle of the pushing force at step k, and how much the contact slides, with the force's sign."""
-        now = steps[k]
-        now.force_angle = eased(now.force_angle, force_angle(steps, k, row, settings))
-        edge = math.atan(math.exp(row.shared[grip_at])) - settings.sticking.margin
-        now.sliding = side(now.force_angle) * beyond(now.force_angle, edge, settings.sticking.width) if k > 0 else 0.0
+        """Write the angle of the pushing force at step k, and how much the contact slides.
+
+        On the limit surface the force points along the motion of the centre of friction.
+        """
+        angle = angle_from_normal(motion(steps, k, row, settings), steps[k])
+        put_sliding(k, angle, row.shared[grip_at], settings, steps[k])
 
     return put_force
 
 
-def make_put_last_force(model: Model) -> Any:
-    """Return the compiled function of a model that writes the same at the last step."""
-    put_force = make_put_force(model)
+def make_put_last_force(put_force: Any) -> Any:
+    """Return the compiled function that writes the same at the last step, given that for any step."""
 
     @kernel
     def put_last_force(steps: Records, row: Records, settings: Records) -> None:
@@ -88,6 +67,29 @@ def make_put_last_force(model: Model) -> Any:
         put_force(steps, last, row, settings)
 
     return put_last_force
+
+
+@kernel
+def angle_from_normal(moved: complex, now: Records) -> float:
+    """Return the angle [rad] of a motion in the world from the outline's inward normal, counter-clockwise."""
+    inward = -now.touch.normal * now.turn_e * now.turn_g.conjugate()
+    along = moved * inward.conjugate()
+    return math.atan2(along.imag, along.real)
+
+
+@kernel
+def put_sliding(k: int, angle: float, grip: float, settings: Records, now: Records) -> None:
+    """Write an angle of the force at step k, eased, and how much the contact slides with it, with its sign.
+
+    At the first step nothing has moved: the angle is NaN there, and nothing slides.
+    """
+    if k == 0:
+        now.force_angle = math.nan
+        now.sliding = 0.0
+        return
+    now.force_angle = eased(now.force_angle, angle)
+    edge = math.atan(math.exp(grip)) - settings.sticking.margin
+    now.sliding = side(now.force_angle) * beyond(now.force_angle, edge, settings.sticking.width)
 
 
 @kernel

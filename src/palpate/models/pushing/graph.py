@@ -1,4 +1,4 @@
-"""Inputs that all graphs of an object and a sensor have in common."""
+"""Common part of all graphs of an object and a sensor: outline, settings, variables and factors."""
 
 from dataclasses import dataclass, field
 
@@ -13,11 +13,11 @@ from palpate.models.pushing.own_measurements import OwnMeasurements
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """Inputs of a graph, of a contact or of the resting object."""
+    """Inputs that are the same for the graph of each contact, and of the resting object between contacts."""
 
     settings: NDArray[np.void]
     """Settings of the factors; see `models.pushing.settings`."""
-    model: ContactModel
+    contact_model: ContactModel
     """The object's outline and the sensor."""
     own: OwnMeasurements = field(default_factory=OwnMeasurements)
     """Measurements of the user's own."""

@@ -9,12 +9,11 @@ from typing import Any
 from palpate.arrays import Records
 from palpate.compiled import kernel
 from palpate.estimation.model import Model
-from palpate.manifolds.function_kernels import beyond, side
 from palpate.manifolds.se2_kernels import position, rotation
 from palpate.models.generated import put_rotations
 from palpate.models.pushing.contact_geometry import put_touch_of_finger
-from palpate.models.pushing.force import NEIGHBOURS, eased, make_motion
-from palpate.models.pushing.step import SHARE_OF_SINKING, go_on
+from palpate.models.pushing.force import angle_from_normal, make_motion, put_sliding
+from palpate.models.pushing.step import SHARE_OF_SINKING, predict_step
 from palpate.models.pushing.variables import GRIP
 
 FACING = 0.5
@@ -87,42 +86,18 @@ def make_put_hand_force(model: Model) -> Any:
 
     @kernel
     def put_hand_force(steps: Records, k: int, row: Records, settings: Records) -> None:
-        """Write the angle of the pushing force at step k, and how much the contact slides, with the force's sign.
+        """Write the angle of the pushing force at step k, and how much the contact slides.
 
         Of several fingers that touch, each has a force of its own, which their motion does not tell. Nearly always
         one of them is inside its friction cone and holds the object; then the angle is 0.
         """
         now = steps[k]
-        if k == 0:
-            now.force_angle = math.nan
-            now.sliding = 0.0
-            return
         angle = 0.0
         if now.touching < 1.5:
-            inward = -now.touch.normal * now.turn_e * now.turn_g.conjugate()
-            along = motion(steps, k, row, settings) * inward.conjugate()
-            angle = math.atan2(along.imag, along.real)
-        now.force_angle = eased(now.force_angle, angle)
-        edge = math.atan(math.exp(row.shared[grip_at])) - settings.sticking.margin
-        now.sliding = side(now.force_angle) * beyond(now.force_angle, edge, settings.sticking.width)
+            angle = angle_from_normal(motion(steps, k, row, settings), now)
+        put_sliding(k, angle, row.shared[grip_at], settings, now)
 
     return put_hand_force
-
-
-def make_put_last_hand_force(model: Model) -> Any:
-    """Return the compiled function of a model that writes the same at the last step."""
-    put_hand_force = make_put_hand_force(model)
-
-    @kernel
-    def put_last_hand_force(steps: Records, row: Records, settings: Records) -> None:
-        """Write the angle and the sliding at the last step, once the steps have moved."""
-        last = len(steps) - 1
-        for k in range(max(last - NEIGHBOURS, 0), last):
-            steps[k].turn_g = rotation(steps[k].g[2])
-            steps[k].turn_e = rotation(steps[k].e[2])
-        put_hand_force(steps, last, row, settings)
-
-    return put_last_hand_force
 
 
 def begin_hand_step(steps: Records) -> None:
@@ -144,4 +119,4 @@ def begin_hand_step(steps: Records) -> None:
                 now.moved = max(now.moved, abs(here - there) + SHARE_OF_SINKING * sinking)
         held = before.way if before.touching > 1.5 else 0.0
         now.way = max(min(held + now.moved, LASTING), now.moved)
-        go_on(steps[:, b])
+        predict_step(steps[:, b])

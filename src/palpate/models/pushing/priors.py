@@ -37,19 +37,21 @@ def object_prior(priors: Priors, model: Model = MODEL, fingers: tuple[Priors, ..
     names: list[str] = []
     means: list[float] = []
     deviations: list[float] = []
-    changes: list[tuple[float, float]] = []
+    changes_between_contacts: list[float] = []
+    changes_per_step: list[float] = []
     for variable in model.of("object"):
         settings = fingers[variable.finger] if fingers and is_of_finger(variable) else priors
         mean, deviation = getattr(settings, variable.known_as, variable.prior)
         names.extend(variable.dimension * [variable.name])
         means.extend(variable.dimension * [mean])
         deviations.extend(variable.dimension * [deviation])
-        changes.extend(variable.dimension * [variable.change])
-    share = np.array(changes).T
+        between_contacts, per_step = variable.change  # shares of the deviation
+        changes_between_contacts.extend(variable.dimension * [between_contacts * deviation])
+        changes_per_step.extend(variable.dimension * [per_step * deviation])
     return ObjectPrior(
         names=tuple(names),
         mean=np.array(means),
         deviation=np.array(deviations),
-        change_between_contacts=np.square(share[0] * deviations),
-        change_per_step=np.square(share[1] * deviations),
+        change_between_contacts=np.square(changes_between_contacts),
+        change_per_step=np.square(changes_per_step),
     )

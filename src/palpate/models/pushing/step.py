@@ -54,12 +54,15 @@ def begin_step(steps: Records) -> None:
         now.turn_measured = rotation(now.measured[2])
         travel = abs(position(now.measured) - position(before.measured))
         now.moved = travel + SHARE_OF_SINKING * abs(now.sunk - before.sunk)
-        go_on(steps[:, b])
+        predict_step(steps[:, b])
 
 
 @kernel
-def go_on(steps: Records) -> None:
-    """Give the last of the steps (N,) the sensor pose in the object that constant motion would bring."""
+def predict_step(steps: Records) -> None:
+    """Give the last of the steps (N,) the sensor pose in the object that constant motion would bring.
+
+    The cost of pushing does not count in it if something else may move the object.
+    """
     last = len(steps) - 1
     now = steps[last]
     before = steps[last - 1]

@@ -5,14 +5,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.arrays import Array
+from palpate.arrays import Array, Flags
 from palpate.config import Priors
-from palpate.estimation import window
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.gauss_newton import RECENT
 from palpate.estimation.rows import Indices
 from palpate.estimation.variable import Variable
-from palpate.estimation.window import LAG
+from palpate.estimation.window import LAG, Window
 from palpate.geometry import se2
 from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.graph import Graph
@@ -23,8 +22,18 @@ from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.types.measurements import ContactCorner, OwnMeasurement, Turn
 
 
-class PushingWindow(window.Window):
+class PushingWindow(Window):
     """A window whose rows are beliefs about an object that is pushed or rests."""
+
+    def __init__(self, graph: Graph, steps: NDArray[np.void], rows: NDArray[np.void], lag: int, drift: Array) -> None:
+        """Take the first step (1, B) and the rows (B,), and the variances `drift` of changes in each step.
+
+        These are of the numbers of the last step and the shared variables.
+        """
+        room = np.zeros(1, graph.compiled.records.work)
+        contact_model = graph.contact_model
+        given = Given(graph.settings, drift, contact_model.surfaces, contact_model.corners, room)
+        super().__init__(graph.compiled, given, steps, rows, lag, graph.own)
 
     def belief(self) -> Belief:
         """Return the beliefs about the object at the last step."""
@@ -54,22 +63,20 @@ class ContactWindow(PushingWindow):
         `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
         step as `priors` says, by default not at all.
         """
-        model = graph.model
-        compiled = graph.compiled
-        self._contact_model = model
-        variables = compiled.model
-        drift = np.zeros(variables.last_size)
-        if priors is not None:
-            drift[variables.last_size - variables.object_size :] = object_prior(priors, variables).change_per_step
         sign = np.ones(len(belief)) if sign is None else sign
-        steps, rows = begun(compiled, belief, step.sensor_pose, sign)
+        steps, rows = first_step(graph.compiled, belief, step.sensor_pose, sign)
         _put_sunk_and_fingers(steps[0], rows, step)
-        given = Given(graph.settings, drift, model.surfaces, model.corners, np.zeros(1, compiled.records.work))
-        super().__init__(compiled, given, steps, rows, lag, graph.own)
+        model = graph.compiled.model
+        drift = np.zeros(model.last_size)
+        if priors is not None:
+            drift[model.last_size - model.object_size :] = object_prior(priors, model).change_per_step
+        super().__init__(graph, steps, rows, lag, drift)
+        self._contact_model = graph.contact_model
         self._have_turns: set[int] = set()  # fingers, 0 of a single sensor
         self._have_touched: set[int] = set()  # fingers, in this contact of the object
-        self._note_touching(step)
-        self._solve_with(step, *terms_of(compiled, step, 0))
+        if step.fingers is not None:
+            self._note_touching(step.fingers.touches)
+        self._solve_with(step, *terms_of(graph.compiled, step, 0))
 
     def add(self, step: Step, spread: ArrayLike = 0.0) -> None:
         """Add the next step.
@@ -78,7 +85,8 @@ class ContactWindow(PushingWindow):
         object in this step. Raises EstimationError where no hypothesis has a solution.
         """
         arrived, own = terms_of(self._compiled, step, self._left + self._count)  # may raise
-        self._begin_contacts_anew(step)
+        if step.fingers is not None:
+            self._begin_contacts_anew(step.fingers.touches)
         now = self._next_step()
         now["e"] = step.sensor_pose
         now["measured"] = step.sensor_pose
@@ -94,39 +102,40 @@ class ContactWindow(PushingWindow):
         self._solve(np.full(len(self.rows), RECENT))
 
     def _begin_turns(self, step: Step) -> None:
-        """Let the first turn of a contact determine the offset of its turns.
-
-        Far from the true offset, the robust kernel would leave a turn hardly any weight.
-        """
+        """Let the first turn of a contact determine the offset of its turns."""
         for index, given in enumerate(step.measurements):
             measurement, finger = measurement_and_finger(given)
             if isinstance(measurement, Turn) and finger not in self._have_turns:
                 self._have_turns.add(finger)
-                sign = self.rows["sign"] if index < step.from_touch else 1.0
-                yaw = self._steps["g"][-1, :, 2]
-                if step.fingers is not None:
-                    yaw = yaw + self._steps["finger"][-1, :, finger, 2]
-                offset = se2.wrap(yaw - measurement.angle * sign)
-                place = self._compiled.model.in_shared[variable_of(TURN_OFFSET, finger)]
-                self.rows["shared"][:, place] = offset[:, None]
+                self._begin_turn(measurement.angle, finger, index < step.from_touch)
 
-    def _note_touching(self, step: Step) -> None:
-        """Remember the fingers that touch."""
-        if step.fingers is not None:
-            self._have_touched.update(np.flatnonzero(step.fingers.touches).tolist())
+    def _begin_turn(self, angle: float, finger: int, from_touch: bool) -> None:
+        """Set the offset of turns with which a measured one fits the last step.
 
-    def _begin_contacts_anew(self, step: Step) -> None:
+        Far from the true offset, the robust kernel would leave a turn hardly any weight.
+        """
+        model = self._compiled.model
+        sign = self.rows["sign"] if from_touch else 1.0
+        yaw = self._steps["g"][-1, :, 2]
+        if model.fingers:
+            yaw = yaw + self._steps["finger"][-1, :, finger, 2]
+        offset = se2.wrap(yaw - angle * sign)
+        self.rows["shared"][:, model.in_shared[variable_of(TURN_OFFSET, finger)]] = offset[:, None]
+
+    def _note_touching(self, touches: Flags) -> None:
+        """Remember the fingers that touch, by their flags (N,)."""
+        self._have_touched.update(np.flatnonzero(touches).tolist())
+
+    def _begin_contacts_anew(self, touches: Flags) -> None:
         """Let fingers that touch again, while others held on, begin a contact of their own.
 
         What the contact before has told of its variables is forgotten.
         """
-        if step.fingers is None:
-            return
-        begin = step.fingers.touches & (self._steps["touches"][-1, 0] < 0.5)
+        begin = touches & (self._steps["touches"][-1, 0] < 0.5)
         for finger in np.flatnonzero(begin).tolist():
             if finger in self._have_touched:
                 self._forget_contact(finger)
-        self._note_touching(step)
+        self._note_touching(touches)
 
     def _forget_contact(self, finger: int) -> None:
         """Drop the terms that hang on the variables of a finger's contact, and what older steps say of these."""
@@ -208,10 +217,10 @@ def _forget(past: np.void, first: int, place: int, variable: Variable) -> None:
     gradient[at] = (mean - past["shared"][place]) / deviation**2
 
 
-def begun(
+def first_step(
     compiled: CompiledModel, belief: Belief, sensor_pose: Array, sign: Array
 ) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Return the first step (1, B) and the rows (B,) of a window that begins with these beliefs.
+    """Return the first step (1, B) of a window that begins with these beliefs, and its rows (B,).
 
     The sensor pose is (3,), or (B, 3).
     """
