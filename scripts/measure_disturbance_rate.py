@@ -15,7 +15,7 @@ from _common import for_each, paired, write
 from measure_unknown_outline import FIRST_SIGMA, OBJECTS, first_pose, pose_scores, touched
 
 import palpate
-from palpate.geometry.shapes import SHAPES
+from palpate.geometry.named_shapes import SHAPES
 from palpate_lab.simulate.paths import kinds
 from palpate_lab.simulate.recordings import Simulation
 
