@@ -282,9 +282,7 @@ class MultiHypothesisFilter:
     def _begin_window(self, step: Step) -> None:
         """Begin the graph of a contact in all hypotheses."""
         rows = self._bank.rows
-        self._bank.window = ContactWindow(
-            self._graph, rows.belief, step, self._lag, self._settings.priors, rows.touch_sign
-        )
+        self._bank.window = ContactWindow(self._graph, rows.belief, step, self._lag, self._prior, rows.touch_sign)
 
     def _with_places(self, rows: Hypotheses, step: Step) -> Hypotheses:
         """Return the hypotheses with the places of the outline at which this contact may have begun."""

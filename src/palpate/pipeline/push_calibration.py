@@ -294,10 +294,9 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
     sideways, delay = outside
     poses = _true_sensor_poses(recording, sideways, delay)
     model = contact_model(recording.shape, recording.sensor)
-    priors = noise.priors
     factors = settings_record(noise, model)
     first, sigma = first_pose_of_recording(recording, noise)
-    of_object = object_prior(priors)
+    of_object = object_prior(noise.priors)
     covariance = np.diag(np.square([*sigma, *of_object.deviation]))
     belief = Belief(first[None], of_object.mean[None], covariance[None])
     last = belief
@@ -310,7 +309,7 @@ def _fitted(push: Push, outside: Array, noise: NoiseSettings, sign: float = 1.0)
             times = recording.time[max(index - LAG + 1, begin) : index + 1].tolist()
             step = Step(poses[index], measured, len(measured), times)
             if window is None:
-                window = ContactWindow(Graph(factors, model), belief, step, _ALL_STEPS, priors, np.array([sign]))
+                window = ContactWindow(Graph(factors, model), belief, step, _ALL_STEPS, of_object, np.array([sign]))
             else:
                 window.add(step)
         assert window is not None

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.arrays import Array, Flags
-from palpate.config import Priors
 from palpate.estimation.compiled_model import CompiledModel, Given
 from palpate.estimation.gauss_newton import RECENT
 from palpate.estimation.rows import Indices
@@ -17,7 +16,7 @@ from palpate.models.pushing.belief import Belief
 from palpate.models.pushing.graph import Graph
 from palpate.models.pushing.hand import variable_of
 from palpate.models.pushing.measurements import Step, measurement_and_finger, terms_of
-from palpate.models.pushing.priors import object_prior
+from palpate.models.pushing.priors import ObjectPrior
 from palpate.models.pushing.variables import CORNER_BIAS, TURN_OFFSET
 from palpate.types.measurements import ContactCorner, OwnMeasurement, Turn
 
@@ -55,21 +54,21 @@ class ContactWindow(PushingWindow):
         belief: Belief,
         step: Step,
         lag: int = LAG,
-        priors: Priors | None = None,
+        prior: ObjectPrior | None = None,
         sign: Array | None = None,
     ) -> None:
         """Begin with the first step of a contact and B beliefs about the object.
 
         `sign` (B,) is -1 in hypotheses that take touch images as mirrored. The object's variables change from step to
-        step as `priors` says, by default not at all.
+        step as `prior` says, by default not at all.
         """
         sign = np.ones(len(belief)) if sign is None else sign
         steps, rows = first_step(graph.compiled, belief, step.sensor_pose, sign)
         _put_sunk_and_fingers(steps[0], rows, step)
         model = graph.compiled.model
         drift = np.zeros(model.last_size)
-        if priors is not None:
-            drift[model.last_size - model.object_size :] = object_prior(priors, model).change_per_step
+        if prior is not None:
+            drift[model.last_size - model.object_size :] = prior.change_per_step
         super().__init__(graph, steps, rows, lag, drift)
         self._contact_model = graph.contact_model
         self._have_turns: set[int] = set()  # fingers, 0 of a single sensor
