@@ -1,8 +1,10 @@
-"""README and docs: links lead somewhere, numbers are those of files, examples are Python; `make docs` builds it."""
+"""README and docs: links lead somewhere, numbers are those of files, examples are Python, and the site is built."""
 
 import ast
 import importlib
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -81,3 +83,10 @@ def test_the_reference_has_every_public_name():
     page = (ROOT / "docs/reference.md").read_text(encoding="utf-8")
     names = [name for name in dir(palpate) if not name.startswith("_") and not name.endswith("Error")]
     assert [name for name in names if not re.search(rf"\.{name}\b", page)] == []
+
+
+def test_the_site_is_built_without_a_warning(tmp_path):
+    command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet", "docs", str(tmp_path)]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert (built.returncode, built.stderr) == (0, "")
+    assert "<math" in (tmp_path / "factors.html").read_text(encoding="utf-8")
