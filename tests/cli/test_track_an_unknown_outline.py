@@ -218,6 +218,8 @@ def test_a_drawing_says_what_of_it_is_a_guess(run_palpate, succeeds):
     succeeds("track", "push.mcap", "--shape", "unknown", *ORACLE)
     code, out, _ = run_palpate("outline", "runs/push", "--out", "part.svg")
     assert code == 0 and "is a guess" in out and "next time: --shape part.svg" in out
+    (widest,) = re.findall(r"widest_gap_share +(\S+)", out)
+    assert f"{float(widest):.0%} of it" in out
     data = run_data()
     write_json(Path("runs/push/outline.json"), data | {"touched": [True] * len(data["touched"])})
     code, out, _ = run_palpate("outline", "runs/push", "--out", "touched.svg")

@@ -11,6 +11,8 @@ from recording_samples import encoded
 from scipy.spatial.transform import Rotation
 
 import palpate
+from palpate.io.pose_tables import read_pose_table
+from palpate.types.choices import TableChoices
 
 COUNT = 12
 START = 1_700_000_000  # [s]
@@ -347,6 +349,42 @@ def test_poses_that_a_column_flags_as_lost_are_unknown(folder, run_palpate, capl
     assert np.abs(recording.time - START - IMAGE_TIME[seen]).max() < 2e-6
     assert np.abs(recording.sensor_pose[:, :2] - true_pose(IMAGE_TIME[seen])[:, :2]).max() < 2e-6
     assert f"30 of 80 poses are unknown by column {name}" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad"),
+    [("valid", "1.000000e+00", "0.000000e+00"), ("valid", 1, ""), ("tracked", "yes", "no"), ("not_visible", 0, 1)],
+)
+def test_flags_as_programs_write_them(tmp_path, name, good, bad):
+    rows = [(START + k / 50, 0.4 + k / 1000, 0, 0, bad if 5 <= k < 8 else good) for k in range(40)]
+    write_table(tmp_path / "ee.csv", f"time,x,y,theta,{name}", rows)
+    unknown = np.isnan(read_pose_table(tmp_path / "ee.csv", TableChoices()).poses).any(axis=1)
+    assert np.flatnonzero(unknown).tolist() == [5, 6, 7]
+
+
+def test_a_column_of_flags_that_are_none_is_warned_of(tmp_path, caplog):
+    rows = [(START + k / 50, 0.4 + k / 1000, 0, 0, "poor") for k in range(40)]
+    write_table(tmp_path / "ee.csv", "time,x,y,theta,valid", rows)
+    assert np.isfinite(read_pose_table(tmp_path / "ee.csv", TableChoices()).poses).all()
+    assert "column valid is not used: found 'poor'" in caplog.text
+
+
+def test_rows_that_are_there_twice_count_once_also_where_poses_are_unknown(tmp_path):
+    rows = [(START + k / 50, 0.4 + k / 1000, 0, 0, int(not 5 <= k < 8)) for k in range(40)]
+    write_table(tmp_path / "ee.csv", "time,x,y,theta,valid", [*rows, *rows])
+    assert len(read_pose_table(tmp_path / "ee.csv", TableChoices()).poses) == 40
+
+
+@pytest.mark.parametrize("name", ["cam{camera}_{k:04d}", "{k:04d}_{camera}"])
+def test_two_cameras_that_are_told_by_a_number_are_refused(tmp_path, fails, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    Path("two").mkdir()
+    for camera in (0, 1):
+        for k in range(5):
+            Path(f"two/{name.format(camera=camera, k=k)}.png").write_bytes(encoded(touch_images(1)[0]))
+    write_table("ee.csv", "", with_times(seven()))
+    message = fails("convert", "two", "push.mcap", "--poses", "ee.csv", "--rate", 30, "--shape", "disc")
+    assert "two cameras?" in message
 
 
 def test_rows_of_two_bodies_are_asked_about(folder, fails):

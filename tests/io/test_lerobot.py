@@ -183,6 +183,21 @@ def test_a_file_for_each_episode_as_in_version_2(folder, run_palpate, fails, ver
     assert "there are 2, from 0" in fails("convert", "old", "late.mcap", "--episode", 2, "--shape", "disc")
 
 
+def test_what_does_not_fit_in_version_2_is_named(folder, fails):
+    def refused(name, **changes):
+        write_other(folder / name, NAMES, "v2.1")
+        path = folder / name / "meta/info.json"
+        path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+        return fails("convert", name, "out.mcap", "--shape", "disc")
+
+    assert "data_path is" in refused("rows", data_path="data/file-{file_index:03d}.parquet")
+    assert "video_path is None" in refused("frames", video_path=None)
+    assert "total_episodes is '2'" in refused("count", total_episodes="2")
+    assert "chunks_size is 0" in refused("chunks", chunks_size=0)
+    assert "no such file" in refused("absent", data_path="data/{episode_index}.parquet")
+    assert "no rows of episode 0" in refused("other", data_path="data/chunk-000/episode_000001.parquet")
+
+
 def test_what_does_not_fit_is_named(folder, fails):
     write_other(folder / "other", NAMES)
     words = ("convert", "other", "out.mcap", "--shape", "disc")

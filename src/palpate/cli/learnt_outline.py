@@ -112,7 +112,7 @@ def outline(
         "width_mm": 1e3 * learnt.shape.extent,
         "sigma_mm": 1e3 * learnt.sigma,
         "touched_share": float(learnt.touched.mean()),
-        "guessed_share": learnt.guessed_share,
+        "widest_gap_share": learnt.widest_gap,
     }
     is_svg = out.suffix.lower() == ".svg"
     centroid = learnt.shape.centroid

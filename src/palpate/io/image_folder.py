@@ -173,6 +173,27 @@ def _check_alike(files: Sequence[Path]) -> None:
             "would count as one of them: move away what is of another kind or camera, or give --image-times with "
             "columns time and file"
         )
+    if not odd:
+        _check_one_camera(files)
+
+
+def _check_one_camera(files: Sequence[Path]) -> None:
+    """Raise FileError if names are those of two cameras or takes, counted alike but for a number: cam0_12, cam1_12."""
+    numbers = [tuple(re.findall(r"\d+", path.stem)) for path in files]
+    for place in range(len(numbers[0])):
+        of_value: dict[str, dict[tuple[str, ...], Path]] = {}
+        for path, words in zip(files, numbers, strict=True):
+            of_value.setdefault(words[place], {})[words[:place] + words[place + 1 :]] = path
+        if len(of_value) != 2:
+            continue
+        one, other = of_value.values()
+        both = [count for count in one if count in other]
+        if len(both) > 1 and 2 * len(both) > max(len(one), len(other)):
+            first, second = one[both[0]].name, other[both[0]].name
+            raise FileError(
+                f"{files[0].parent}: {first} and {second} are counted alike: are they of two cameras? Move those of "
+                "one away, or give --image-times with columns time and file"
+            )
 
 
 def _check_one_suffix(files: Sequence[Path]) -> None:

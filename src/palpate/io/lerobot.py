@@ -142,6 +142,10 @@ def _info(folder: Path) -> dict[str, Any]:
     for name in ("fps", "features", "data_path", "total_episodes", "total_frames"):
         if name not in info:
             raise FileError(f"{path}: {name} is missing")
+    for name in ("fps", "total_episodes", "chunks_size"):
+        value = info.get(name, 1)
+        if not isinstance(value, int | float) or value <= 0:
+            raise FileError(f"{path}: {name} is {value!r}, allowed is a number above 0")
     return info
 
 
@@ -171,7 +175,7 @@ def _parquet(path: Path, wanted: Sequence[str] | None = None) -> Any:
     """Return a table of Parquet. Raises FileError."""
     _, pyarrow, parquet = libraries()
     try:
-        return parquet.read_table(path, columns=wanted)
+        return parquet.read_table(existing_file(path), columns=wanted)
     except (OSError, pyarrow.ArrowException) as error:
         raise FileError(f"{path}: cannot be read ({one_line(error)})") from error
 
@@ -196,17 +200,32 @@ def _episode(folder: Path, info: Mapping[str, Any], episode: int) -> dict[str, A
 
 def _columns(folder: Path, info: Mapping[str, Any], place: Mapping[str, Any]) -> dict[str, list[Any]]:
     """Return the rows of an episode, column by column."""
-    table = _parquet(folder / _path_of(info["data_path"], "data", place))
+    path = folder / _path_of(info, "data_path", "data", place)
+    table = _parquet(path)
     is_of_episode = np.array(table["episode_index"].to_pylist()) == place["episode_index"]
+    if not is_of_episode.any():
+        raise FileError(f"{path}: holds no rows of episode {place['episode_index']}")
     rows = table.take(np.flatnonzero(is_of_episode))
     return {name: rows[name].to_pylist() for name in rows.column_names}
 
 
-def _path_of(template: str, kind: str, place: Mapping[str, Any], **others: str) -> str:
-    """Return the path of the file with the rows, "data", or the frames, "videos/KEY", of an episode."""
-    indices = {name: place.get(f"{kind}/{name}") for name in ("chunk_index", "file_index")}
-    return template.format(
-        **indices, **{name: place.get(name) for name in ("episode_index", "episode_chunk")}, **others
+def _path_of(info: Mapping[str, Any], name: str, kind: str, place: Mapping[str, Any], **others: str) -> str:
+    """Return the path of the file with the rows, "data", or the frames, "videos/KEY", of an episode.
+
+    Raises FileError if the template of this name does not fit the version.
+    """
+    indices = {index: place.get(f"{kind}/{index}") for index in ("chunk_index", "file_index")}
+    indices |= {index: place.get(index) for index in ("episode_index", "episode_chunk")}
+    known = {index: number for index, number in indices.items() if number is not None}
+    template = info.get(name)
+    try:
+        if isinstance(template, str):
+            return template.format(**known, **others)
+        problem = "it is no text"
+    except (LookupError, ValueError) as error:
+        problem = f"it asks for {error}"
+    raise FileError(
+        f"meta/info.json: {name} is {template!r}, which does not fit {info['codebase_version']} ({problem})"
     )
 
 
@@ -234,11 +253,13 @@ def _images(
     images: list[UprightImage] = []
     if key in columns:
         for cell in columns[key]:
+            if not cell["bytes"] and not cell["path"]:
+                raise FileError(f"{key}: image {len(images)} of the episode has neither bytes nor a path")
             data = cell["bytes"] or existing_file(folder / cell["path"]).read_bytes()
             images.append(UprightImage(turned_image(data, size, view)))
             progress(len(images))
         return images
-    path = folder / _path_of(info["video_path"], f"videos/{key}", place, video_key=key)
+    path = existing_file(folder / _path_of(info, "video_path", f"videos/{key}", place, video_key=key))
     start = float(place.get(f"videos/{key}/from_timestamp", 0.0))
     for pixels in _frames(path, start, len(columns["frame_index"]), info["fps"]):
         with in_file(path):

@@ -20,7 +20,7 @@ from palpate.arrays import Array, Flags, Times
 from palpate.checks import METRES, TURNS, other_unit
 from palpate.errors import FileError
 from palpate.files import column_name, in_file, read_text, table_rows
-from palpate.io.table_rows import Table, are_even, is_clock, rows_in_order, with_numbers_for_clocks
+from palpate.io.table_rows import MISSING, Table, are_even, is_clock, rows_in_order, with_numbers_for_clocks
 from palpate.io.time_order import UNKNOWN, are_few
 from palpate.types.choices import TableChoices, TimeUnit
 from palpate.types.space import MOST_WRONG, STEEPEST
@@ -44,9 +44,11 @@ _OTHER = re.compile(
     r"(?:.*_)?(?:vel|velocity|twist|linear|angular|acc|force|torque|wrench|cov|covariance|goal|target)_.*"
 )
 _COUNT = re.compile(r"(?:.*_)?(?:frame|index|idx|seq|id|number|count|step|row)")
-_FLAG = re.compile(r"(?:.*_)?(?:valid|tracked|visible|(lost|occluded|missing))")
-_FLAGS = {"1": True, "true": True, "0": False, "false": False}
-"""Cells of columns that say whether a pose was seen, in lower case."""
+_FLAG = re.compile(
+    r"(?:.*_)??(?:(?:valid|tracked|visible)|(lost|occluded|missing|invalid|untracked|not_(?:valid|tracked|visible)))"
+)
+_FLAGS = {"true": 1.0, "yes": 1.0, "false": 0.0, "no": 0.0, **dict.fromkeys(MISSING, math.nan)}
+"""Words of columns that say whether a pose was seen, in lower case; NaN says nothing, as of a pose that was lost."""
 _UNIT_WORDS = ("", *_TIME_WORDS, *METRES, "rad", "deg", "degrees")
 """Units of columns; "" for none."""
 _NUMBERED = re.compile(r"(.*?)_?(\d\d?)")
@@ -210,7 +212,7 @@ def read_pose_table(path: Path, choices: TableChoices) -> PoseTable:
         if time is None:
             return PoseTable(None, poses, f"{found.layout}, no times", found.is_order_known)
         stamps, unit = _times(table, time, choices.time_unit or unit)
-        order = rows_in_order(path, poses.reshape(len(poses), -1).tolist(), stamps)
+        order = rows_in_order(path, [(pose.tobytes(),) for pose in poses], stamps)  # as bytes, in which NaN equals NaN
         return PoseTable(stamps[order], poses[order], f"{found.layout}, times in {unit}", found.is_order_known)
 
 
@@ -221,6 +223,7 @@ def poses_of_numbers(path: Path, names: Sequence[str], numbers: Array, choices: 
     with in_file(path):
         found = _named(table) if table.names else _unnamed(table, None, choices)
         poses = _in_metres(found.numbers, choices.poses_unit or found.unit)
+        poses[~_seen(table)] = np.nan
         return PoseTable(None, poses, found.layout, found.is_order_known)
 
 
@@ -281,16 +284,29 @@ def _seen(table: Table) -> Flags:
     seen = np.ones(len(table.cells), np.bool_)
     for index in _matching(table, _FLAG):
         name = table.names[index]
-        words = [word.lower() for word in table.column(index)]
+        words = table.column(index)
         match = _FLAG.fullmatch(name)
-        if match is None or not set(words) <= set(_FLAGS):
+        flags = np.array([_flag(word) for word in words])
+        odd = ~np.isin(flags, (0.0, 1.0)) & ~np.isnan(flags)
+        if odd.any() or np.isnan(flags).all():
+            found = words[int(np.argmax(odd))][:20]
+            allowed = "allowed are 0 and 1, true and false, or yes and no"
+            logger.warning("%s: column %s is not used: found %r, %s", table.path, name, found, allowed)
             continue
-        is_good = np.array([_FLAGS[word] for word in words]) != bool(match[1])
+        is_good = flags == (0.0 if match and match[1] else 1.0)
         if not is_good.all():
             count = np.count_nonzero(~is_good)
             logger.warning("%s: %d of %d poses are unknown by column %s", table.path, count, len(words), name)
         seen &= is_good
     return seen
+
+
+def _flag(word: str) -> float:
+    """Return 1 or 0, NaN for a cell that holds nothing, and another number for one that is no flag."""
+    known = _FLAGS.get(word.lower())
+    if known is not None:
+        return known
+    return float(word) if _is_number(word) else math.inf
 
 
 def _check_radians(angles: Array) -> None:

@@ -12,6 +12,7 @@ from palpate.pipeline.metrics import CONTENT, pose_words
 
 FIGURE = "figure.png"
 TOUCH = {
+    "auto": "touch not read, as no untouched gel was seen so far",
     "none": "contact only",
     "learnt": "touch by the model of the images",
     "oracle": "touch by ground truth",

@@ -127,14 +127,18 @@ class Outline:
         return math.sqrt(float(np.mean(np.square(self.deviation))))
 
     @property
-    def guessed_share(self) -> float:
-        """Longest part that was not touched, as a share of the outline, if it is too long for a guess; else 0."""
+    def widest_gap(self) -> float:
+        """Longest way from one touched point to the next, as a share of the outline."""
         places = np.flatnonzero(self.touched)
         if not len(places):
             return 1.0
         gaps = np.diff(np.append(places, places[0] + len(self.touched)))
-        widest = float(gaps.max()) / len(self.touched)
-        return widest if widest > _LIMITS.widest_gap else 0.0
+        return float(gaps.max()) / len(self.touched)
+
+    @property
+    def guessed_share(self) -> float:
+        """The widest gap, if it is too wide for a guess; else 0."""
+        return self.widest_gap if self.widest_gap > _LIMITS.widest_gap else 0.0
 
     @property
     def normals(self) -> Array:
