@@ -176,8 +176,7 @@ def read_table(path: Path | str, needed: Sequence[str], optional: Sequence[str] 
     """Return these columns of a table, row by row with its line; cells of optional columns that are absent are "".
 
     Lines that begin with # are remarks, but for one that names the columns. Raises FileError if a needed column is
-    missing, or if there is no optional column but an unknown one, which may be
-    an optional one by another name.
+    missing, or if there is no optional column but an unknown one, which may be an optional one by another name.
     """
     text = re.sub(r"\Asep=.", "", read_text(path))  # as Excel writes
     text = "\n".join("" if _is_remark(line, needed) else line for line in text.splitlines())

@@ -241,18 +241,19 @@ def _ambiguity(on: Evidence) -> str:
 
 def turn_words(turn: FrameTurn) -> str:
     """Return a sentence on a turn that the sensor's frame lacks, with the option that mends it."""
+    fits = "with this first pose the image of the first contact fits the outline only if"
     if turn.angle is None:
         return (
-            "with this first pose the image of the first contact fits the outline only if the sensor's frame is turned "
-            "about z: is --sensor-T-gel right, or is w the first of each quaternion?"
+            f"{fits} the sensor's frame is turned about z: is --sensor-T-gel right, or is w the first of each "
+            "quaternion?"
         )
     half = 0.5 * turn.angle
     option = f"--sensor-T-gel 0 0 0 0 0 {math.sin(half):.3f} {math.cos(half):.3f}, or as much after one that is given"
     turned = f"the sensor's frame is turned about z by {math.degrees(turn.angle):+.0f} degrees ({option})"
     if turn.may_be_mirrored:
         images = "images lie the other way (--orientation 180 or mirrored)"
-        return f"with this first pose the image of the first contact fits the outline only if {images} or if {turned}"
-    words = f"with this first pose the image of the first contact fits the outline only if {turned}"
+        return f"{fits} {images} or if {turned}"
+    words = f"{fits} {turned}"
     if abs(turn.angle) > math.radians(150.0):
         words += "; is w the first of each quaternion?"
     other = turn.mirrored_angle

@@ -514,7 +514,7 @@ def certainty(calibration: "palpate.Calibration", profile: "palpate.SensorProfil
 
 
 def _certainty_in_words(numbers: dict[str, Any], is_scale_known: bool) -> str:
-    """Return words on how well presses have calibrated a unit; `is_scale_known` says that they told the scale, too."""
+    """Return words on a calibration by presses; `is_scale_known` if they told the scale of directions, too."""
     count = numbers["presses"]
     if "calibrated_to_mm" in numbers:
         known = f"places to {numbers['calibrated_to_mm']:.2f} mm (1 sigma)"

@@ -1,4 +1,4 @@
-"""Objects by name, apart from `shapes`, as their polygons need shapely, which the tracker of a rectangle does not."""
+"""Objects by name. Their polygons load shapely, so that they are not in `shapes`, which every tracker loads."""
 
 import numpy as np
 
