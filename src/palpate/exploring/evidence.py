@@ -16,8 +16,8 @@ class _Settings:
     far: float = 4.0
     """Standard deviations from which a contact contradicts the sketch."""
     size: float = 1.2
-    """Error of the mean radius that contradicts the sketch [standard deviations of the sketch]. It is smaller than for a
-    single contact, as errors all around an outline mostly cancel in the mean."""
+    """Error of the mean radius that contradicts the sketch [standard deviations of the sketch]. It is smaller than that
+    of a single contact, as errors all around an outline mostly cancel in the mean."""
     apart: float = 1.5
     """Standard deviations of each of two contacts by which these are farther apart than the stated size if they
     contradict it: less than for a sketch, as they have most of the error of their poses in common."""
